@@ -39,12 +39,10 @@ class Section(NamedTuple):
 
 
 SECTIONS = {
-    "step": Section("update", "one update beside MuJoCo's evaluation", 60.0),
+    "step": Section("update", "one update beside MuJoCo's, and of 10 000 pulleys", 105.0),
     "node": Section("roundtrip", "the node's round trip beside a bare relay's", 90.0),
     "offline": Section("offline", "a 200 s bag beside rosbags, fits of it and of a hand", 300.0),
-    "pulleys": Section("scaling", "cost per pulley from 7 to 10 000", 45.0),
-    "hand": Section("hand", "a hand beside its fingers", 200.0),
-    "growth": Section("growth", "twenty fingers beside one", 300.0),
+    "hand": Section("hand", "a hand beside its fingers", 300.0),
 }
 
 

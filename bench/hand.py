@@ -133,6 +133,13 @@ def measure() -> list[Row]:
     larger, smaller = zip(*pairs, strict=True)
     what = "an estimator of twenty fingers made"
     rows.append(compared(what, "s", larger, "of five", smaller, "≤ 4.5"))
+    often = 50, 3.0  # reading rate and frequency at which the members' own steps weigh most
+    one, many = (
+        np.array(times) * 1e6 / often[0]
+        for times in in_turn(ROUNDS, fed(fingers(1), *often), fed(twenty, *often))
+    )
+    what = "an update of twenty fingers, joints at 3 Hz read at 50 Hz"
+    rows.append(compared(what, "µs", many, "twenty times that of one", 20.0 * one, "linear"))
     hand = LiveEstimator(load_model("hand"))
     ready = [processor_seconds(hand.expect_sensors) for _ in range(ROUNDS)]
     what = "the shipped hand prepared for the torques of 17 motors"

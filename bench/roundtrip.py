@@ -61,7 +61,7 @@ class Caller:
 
         self.executor, self.answers, self._answered_s = executor, 0, 0.0
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-        self._joints, self._motors = (
+        self._joints, self.motors = (
             node.create_publisher(JointState, f"/{namespace}/{topic}", qos)
             for topic in ("joint_states", "motor_states")
         )
@@ -81,7 +81,7 @@ class Caller:
 
     def is_connected(self) -> bool:
         """Whether publishers and subscriptions are matched in both directions."""
-        told = (one.get_subscription_count() for one in (self._joints, self._motors))
+        told = (one.get_subscription_count() for one in (self._joints, self.motors))
         return all(told) and all(self._publishers())
 
     def trip(self, joint: bytes, motor: bytes) -> float:
@@ -89,7 +89,7 @@ class Caller:
         awaited = self.answers + 1
         begin = self._answered_s = perf_counter()
         self._joints.publish(joint)
-        self._motors.publish(motor)
+        self.motors.publish(motor)
         while self.answers < awaited and perf_counter() - begin < HELD_S:
             self.executor.spin_once(timeout_sec=HELD_S)
         return self._answered_s - begin
@@ -121,7 +121,7 @@ def processor_time(process: int) -> float:
     return sum(1e-9 * int((task / "schedstat").read_text().split()[0]) for task in tasks)
 
 
-def _messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Messages:
+def messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Messages:
     """Readings played again and again."""
     joint = Template(JOINT_STATE, layout.joints, ("position",))
     motor = Template(JOINT_STATE, layout.motors, ("position",))
@@ -175,7 +175,7 @@ def _beside_relay(folder: Path) -> list[Row]:
     played = there_and_back(read.motor_angle), there_and_back(read.joint_angle)
     _write_answers(model, folder)
     nodes = [
-        (name, command, _messages(model.layout, *played, PERIOD_NS))
+        (name, command, messages(model.layout, *played, PERIOD_NS))
         for name, command in (("cdrj", estimator_command(ROBOT)), ("relay", relay_command(folder)))
     ]
     with _called(nodes) as called:
@@ -194,8 +194,8 @@ def _of_hand(folder: Path) -> list[Row]:
     robot, model = folder / "hand.yaml", fingers(FINGERS)
     robot.write_text(hand_text(FINGERS), encoding="utf-8")
     read = motion(model, RATE)
-    messages = _messages(model.layout, read.motor_angle, read.joint_angle, 10**9 // RATE)
-    with _called([("cdrj", estimator_command(robot), messages)]) as called:
+    played = messages(model.layout, read.motor_angle, read.joint_angle, 10**9 // RATE)
+    with _called([("cdrj", estimator_command(robot), played)]) as called:
         (trips,), (used,) = _turns(called, 1.0 / RATE)
     what, middle = f"five fingers, {RATE} Hz", np.median(trips, axis=1) * 1e-3
     return [

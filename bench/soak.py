@@ -1,68 +1,55 @@
 """Feed an estimator process over DDS for a long time and check its answers: `make soak`.
 
-    python -m bench.soak [--minutes M] [--rate HZ]
+    python -m bench.soak [--minutes M]
 
-Motor readings at the given rate and joint readings at half of it are sent to an estimator process,
-with invalid messages in between.  All answers are counted, and the estimator's resident memory is
+Motor and joint readings are sent at 1 kHz, each when the one before has been answered, with
+invalid messages in between.  All answers are counted, and the estimator's resident memory is
 printed once a minute.  Exit code 0: all bounds are met; 1: a bound is violated.
-
-The sender waits while more than BEHIND messages are unanswered, so that load on the machine lowers
-the rate instead of causing losses.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
-from math import cos, nan, sin
-from time import monotonic, sleep
+from collections.abc import Iterator
+from math import nan
+from time import perf_counter
 from typing import Any
 
+import numpy as np
 import psutil
 
 from bench.figures import ROBOT
-from bench.processes import Process, estimator_command, isolate, listening, running, spin_until
+from bench.processes import estimator_command, isolate, listening, running, spin_until
+from bench.roundtrip import PERIOD_NS, Called, Caller, messages
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
+from cdrj_ros.model.prepared import load_model
 
 MEMORY_GROWTH_MB = 5.0
 """Largest growth of resident memory after the first minute [MB]."""
 
-BEHIND = 500
-"""Number of unanswered messages above which the sender waits."""
-
 HOSTILE_EVERY = 997
-"""Number of messages after which one that must be refused is sent."""
+"""Number of samples after which a message that must be refused is sent."""
+
+SWING = 0.3 * np.sin(2.0 * np.pi * np.arange(7000) / 7000.0)[:, None]
+"""Angles of the joint, again and again [rad]; the winch turns by 0.12 m over 15 mm per radian."""
 
 
-class Feeder:
-    """Sends readings and counts the answers of an estimator process."""
+class Witness:
+    """Hears the stamps of the answers and the counters of the estimator."""
 
-    def __init__(self, node: Any, executor: Any, process: Process, rate: float) -> None:
-        """Subscribe to the answers."""
+    def __init__(self, node: Any) -> None:
+        """Subscribe."""
         from cdrj_msgs.msg import CableTensions
         from diagnostic_msgs.msg import DiagnosticArray
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
-        from sensor_msgs.msg import JointState
 
-        self._process, self._executor = process, executor
-        qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
-        self._motors = node.create_publisher(JointState, "cdrj/motor_states", qos)
-        self._joints = node.create_publisher(JointState, "cdrj/joint_states", qos)
-        node.create_subscription(CableTensions, "cdrj/tensions", self._on_answer, qos, raw=True)
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
-        self._motor = Template(JOINT_STATE, ("winch",), ("position",))
-        self._joint = Template(JOINT_STATE, ("elbow",), ("position",))
-        self._period_ns = round(1e9 / rate)
+        self.answered, self.last_ns, self.backwards = 0, 0, 0
         self.counters: dict[str, str] = {}
         self.diagnosed = 0
-        self.sent = 0
-        self.answered = 0
-        self.hostile = 0
-        self.last_ns = 0
-        self.backwards = 0
+        node.create_subscription(CableTensions, "/cdrj/tensions", self._on_answer, 2000, raw=True)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_answer(self, payload: bytes) -> None:
         stamp = int.from_bytes(payload[4:8], "little") * 10**9
@@ -75,92 +62,71 @@ class Feeder:
         self.counters = {value.key: value.value for value in message.status[0].values}
         self.diagnosed += 1
 
-    def connected(self) -> bool:
-        """Whether the estimator subscribes to both topics and publishes diagnostics."""
-        readers = (self._motors.get_subscription_count(), self._joints.get_subscription_count())
-        return all(readers) and bool(self.counters)
 
-    def send(self) -> None:
-        """Send the next motor reading, preceded by a joint reading every second time."""
-        k = self.sent
-        time = k * self._period_ns * 1e-9
-        stamp = 1_700_000_000 * 10**9 + k * self._period_ns
-        elbow = 0.3 * sin(0.9 * time)
-        if k % 2 == 0:
-            self._joints.publish(self._joint.encode(stamp, position=[elbow]))
-        winch = 8.0 * sin(elbow) + 0.02 * (1.0 - cos(7.0 * time))  # 0.12 m a radian over 15 mm
-        self._motors.publish(self._motor.encode(stamp, position=[winch]))
-        self.sent += 1
-        if k % HOSTILE_EVERY == HOSTILE_EVERY - 1:
-            bad = (
-                self._motor.encode(stamp, position=[0.0]),  # repeated
-                self._motor.encode(stamp + 1, position=[nan]),
-                self._motor.encode(stamp - 7, position=[0.0]),  # late
-                self._motor.encode(0, position=[0.0]),  # unstamped
-                b"\0\1\0\0 not a message",
-            )
-            self._motors.publish(bad[self.hostile % len(bad)])
-            self.hostile += 1
+def hostile(stamp_ns: int) -> list[bytes]:
+    """Messages that are refused after a sample."""
+    encode = Template(JOINT_STATE, ("winch",), ("position",)).encode
+    return [
+        encode(stamp_ns, position=[0.0]),  # repeated
+        encode(stamp_ns + 1, position=[nan]),
+        encode(stamp_ns - 7, position=[0.0]),  # late
+        encode(0, position=[0.0]),  # unstamped
+        b"\0\1\0\0 not a message",
+    ]
 
-    def wait_for(self, done: Callable[[], bool]) -> None:
-        """Spin until ``done()``.
 
-        Raises:
-            RuntimeError: the process has ended or the time limit is exceeded.
-        """
-        spin_until(self._executor, done, self._process)
-
-    def run(self, minutes: float, rate: float) -> Iterator[str]:
-        """Send everything and print the memory; yields what violates a bound."""
-        total, each = round(minutes * 60.0 * rate), round(60.0 * rate)
-        resident: list[float] = []
-        due = monotonic()
-        while self.sent < total:
-            while (ahead := due - monotonic()) > 0.0:
-                self._executor.spin_once(timeout_sec=min(ahead, 0.001))
-            due = max(due + 1.0 / rate, monotonic() - 0.1)  # what was missed is not made up
-            self.wait_for(lambda: self.sent - self.answered < BEHIND)
-            self.send()
-            self._executor.spin_once(timeout_sec=0.0)
-            if self.sent % each == 0 or self.sent == total:
-                resident.append(psutil.Process(self._process.pid).memory_info().rss / 1e6)
-                memory = f"{resident[-1]:.1f} MB resident"
-                say(f"{self.sent} sent, {self.answered} answered, {memory}", flush=True)
-        # a last motor reading without a joint reading of the same stamp is not answered
-        expected = self.sent - (self.sent % 2 == 0)
-        self.wait_for(lambda: self.answered >= expected)
-        seen = self.diagnosed
-        self.wait_for(lambda: self.diagnosed >= seen + 2)
-        if self.backwards:
-            yield f"{self.backwards} answers were not later than the one before"
-        accepted = int(self.counters.get("readings accepted", "0"))
-        refused = sum(int(v) for key, v in self.counters.items() if key.startswith("refused: "))
-        readings = self.sent + (self.sent + 1) // 2
-        say(f"{readings} readings, {accepted} accepted; {self.hostile} hostile, {refused} refused")
-        if (accepted, refused) != (readings, self.hostile):
-            yield "the counters of the estimator are others than what was sent"
-        if resident and (growth := resident[-1] - resident[0]) > MEMORY_GROWTH_MB:
-            yield f"resident memory grew by {growth:.1f} MB after the first minute"
+def fed(called: Called, witness: Witness, minutes: float) -> Iterator[str]:
+    """Send everything and print the memory; yields what violates a bound."""
+    caller, samples, refused = called.caller, round(minutes * 60e9 / PERIOD_NS), 0
+    resident: list[float] = []
+    due = perf_counter()
+    for k in range(1, samples + 1):
+        due = max(due + PERIOD_NS * 1e-9, perf_counter() - 0.1)  # what was missed is not made up
+        while (ahead := due - perf_counter()) > 0.0:
+            caller.executor.spin_once(timeout_sec=ahead)
+        caller.trip(*next(called.messages))
+        if k % HOSTILE_EVERY == 0:
+            some = hostile(k * PERIOD_NS)
+            caller.motors.publish(some[refused % len(some)])
+            refused += 1
+        if k % round(60e9 / PERIOD_NS) == 0 or k == samples:
+            resident.append(psutil.Process(called.process.pid).memory_info().rss / 1e6)
+            memory = f"{resident[-1]:.1f} MB resident"
+            say(f"{k} sent, {caller.answers} answered, {memory}", flush=True)
+    spin_until(caller.executor, lambda: witness.answered >= samples, called.process)
+    seen = witness.diagnosed
+    spin_until(caller.executor, lambda: witness.diagnosed >= seen + 2, called.process)
+    if witness.backwards:
+        yield f"{witness.backwards} answers were not later than the one before"
+    counted = {key: int(n) for key, n in witness.counters.items() if n.isdigit()}
+    accepted = counted.get("readings accepted", 0)
+    turned_down = sum(n for key, n in counted.items() if key.startswith("refused: "))
+    say(f"{accepted} of {2 * samples} accepted, {turned_down} of {refused} hostile refused")
+    if (accepted, turned_down) != (2 * samples, refused):
+        yield "the counters of the estimator are others than what was sent"
+    if (growth := resident[-1] - resident[0]) > MEMORY_GROWTH_MB:
+        yield f"resident memory grew by {growth:.1f} MB after the first minute"
 
 
 def main() -> int:
     """Run the soak; returns the exit code."""
     parser = argparse.ArgumentParser(prog="soak", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (default 30)")
-    parser.add_argument("--rate", type=float, default=1000.0, help="motor readings per second")
-    arguments = parser.parse_args()
+    minutes = parser.parse_args().minutes
     isolate()
+    layout = load_model(str(ROBOT)).layout
     with (
         running(*estimator_command(ROBOT)) as process,
         listening("soak") as (node, executor),
     ):
-        feeder = Feeder(node, executor, process, arguments.rate)
+        caller, witness = Caller(node, executor, "cdrj"), Witness(node)
+        called = Called(caller, messages(layout, 8.0 * SWING, SWING, PERIOD_NS), process)
         try:
-            feeder.wait_for(feeder.connected)
-            sleep(0.5)  # wait until both ends of every topic are matched
-            violated = list(feeder.run(arguments.minutes, arguments.rate))
+            spin_until(executor, caller.is_connected, process)
+            spin_until(executor, lambda: witness.diagnosed > 0, process)
+            violated = list(fed(called, witness, minutes))
         except RuntimeError as error:
-            violated = [f"{error}; {feeder.sent} sent, {feeder.answered} answered"]
+            violated = [f"{error}; {caller.answers} answered"]
         except KeyboardInterrupt:
             return 130
     for text in violated:

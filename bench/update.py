@@ -1,4 +1,4 @@
-"""One update of the prototype from Python, compared with MuJoCo."""
+"""One update of the prototype from Python, beside MuJoCo's and with its pulleys divided."""
 
 from __future__ import annotations
 
@@ -11,18 +11,23 @@ from numpy.typing import NDArray
 
 from bench.figures import BAG, ROBOT, Row, compared, in_turn
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import Samples, initial_state, step
+from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.prepared import Model, load_model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import read_mjcf
 from cdrj_ros.robot.reader import parse_robot
+from cdrj_ros.simulation.assembly import divide_contacts
 
 MJCF = Path(__file__).with_name("prototype.xml")
 """Two frictionless tendons over pulleys of the same size."""
 STEPS = 10_000
 ROUNDS = 15
+CELLS = (1, 7, 700)
+"""Contact cells of every pulley, from 14 pulleys to 9,800."""
+IN_MOTION = slice(4000, 4250)
+DIVIDED_ROUNDS = 5
 
 
 def recorded_motion(model: Model) -> Samples:
@@ -70,6 +75,33 @@ def evaluating(poses: NDArray[np.float64]) -> Callable[[], None]:
     return evaluated
 
 
+def _running(model: Model, motion: Samples, times: int) -> Callable[[], None]:
+    def repeated() -> None:
+        for _ in range(times):
+            run(model, initial_state(model), motion)
+
+    return repeated
+
+
+def divided(whole: Model, motion: Samples) -> list[Row]:
+    """Time per pulley and sample [ns] where pulleys are divided into contact cells."""
+    models = [prepare(divide_contacts(whole.robot, cells)) for cells in CELLS]
+    repeats = [max(1, 200 // cells) for cells in CELLS]
+    runs = [_running(model, motion, n) for model, n in zip(models, repeats, strict=True)]
+    cost, names = [], []
+    counts = [len(whole.layout.pulleys) * cells for cells in CELLS]
+    taken = in_turn(DIVIDED_ROUNDS, *runs)
+    for model, n, pulleys, times in zip(models, repeats, counts, taken, strict=True):
+        cost.append(np.array(times) * 1e9 / (n * motion.stamp_ns.size * pulleys))
+        found = run(model, initial_state(model), motion)[1]
+        iterations = found.values[1:, model.layout.iterations].mean()
+        names.append(f"{pulleys} pulleys, {iterations:.1f} iterations")
+    return [
+        compared(f"per pulley and sample, {name}", "ns", ours, names[0], cost[0], "flat")
+        for name, ours in zip(names[1:], cost[1:], strict=True)
+    ]
+
+
 def measure() -> list[Row]:
     """Time per sample [µs] beside MuJoCo: alone, with deviations, and of MuJoCo's own tendons."""
     model = load_model(str(ROBOT))
@@ -94,7 +126,8 @@ def measure() -> list[Row]:
         ("one update, the same tendons imported, 14 cylinders, 12 eyelets in space", "≤ 2"),
     )
     beside = "MuJoCo: two tendons, no friction"
-    return [
+    rows = [
         compared(what, "µs", mine, beside, theirs, aim)
         for (what, aim), mine in zip(said, ours, strict=True)
     ]
+    return rows + divided(model, motion.part(IN_MOTION))

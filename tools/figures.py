@@ -3,7 +3,7 @@
 - runs the demonstration, which measures docs/demo.json;
 - writes its errors into the table of README.md;
 - takes a screenshot of the beginning of report.html as docs/report.png, with Chromium;
-- draws docs/figures/fig*.png with examples/paper, and growth.png.
+- draws docs/figures/fig*.png with examples/paper.
 """
 
 from __future__ import annotations
@@ -105,7 +105,6 @@ def main() -> int:
         run(sys.executable, "-m", "examples.paper", "--out", folder, "--force")
         for drawn in Path(folder).glob("fig*.png"):
             shutil.copy(drawn, FIGURES / drawn.name)
-    run(sys.executable, "-m", "bench.growth")
     return 0
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.chain import chain
 from support.state import state_views
 
-from bench.scaling import chain
 from cdrj_ros._core import Law, acceptable, tolerance
 from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
 from cdrj_ros.model.laws import elasticity_of
@@ -139,7 +139,7 @@ def test_every_sample_is_solved_with_damping_and_strong_static_friction(law, mu_
 def test_a_cable_that_begins_to_slip_on_hundreds_of_pulleys_at_once_is_solved(law):
     # 50 m over 1000 pulleys, wound in at up to 16 m/s; Newton's method alone frees a few pulleys
     # per iteration and gives up
-    robot = chain(1000, 50.0, 1e6).robot
+    robot = chain(1000, 1e6, 50.0).robot
     model = prepare(replace(robot, cables=(replace(robot.cables[0], law=law),)))
     cycle = np.sin(2.0 * np.pi * np.arange(40) / 250)
     angle = 16.0 * 0.25 / (2.0 * np.pi) / DRUM * cycle

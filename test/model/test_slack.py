@@ -6,9 +6,9 @@ from math import exp
 
 import numpy as np
 import pytest
+from support.chain import DRUM, chain
 from support.state import state_views
 
-from bench.scaling import DRUM, chain
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run, step
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import prepare
