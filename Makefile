@@ -40,7 +40,7 @@ demo: $(PACKAGE)
 	@$(IN_ENV) python tools/demo.py
 
 live: setup
-	@$(IN_ENV) python tools/live.py
+	@$(IN_ENV) python tools/demo.py --live
 
 # Tests of one file share processes, so they run in one worker. Those of nodes
 # wait for messages a good part of the time, so there is a worker more than processors. Files start

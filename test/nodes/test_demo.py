@@ -24,7 +24,7 @@ def test_the_demonstration_names_no_file_that_it_has_deleted(short_bag, tmp_path
         ROOT / "tools" / "demo.py", BAG=short_bag, MEASURED=tmp_path / "measured.json",
         REPORT=str(tmp_path / "report.html"), FIGURES=str(tmp_path / "report.json"),
     )  # fmt: skip
-    assert demo.main() == 0
+    assert demo.main([]) == 0
     named = re.findall(r"^(?:figures|report): (\S+)$", capfd.readouterr().out, re.MULTILINE)
     assert sorted(named) == [demo.REPORT, demo.FIGURES]
     assert all(Path(name).exists() for name in named)

@@ -13,12 +13,12 @@ from support.places import ROOT
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.robot.writer import exact_copy
 
-LIVE = runpy.run_path(str(ROOT / "tools" / "live.py"))
+DEMO = runpy.run_path(str(ROOT / "tools" / "demo.py"))
 
 
 def test_every_program_exists_and_gets_the_robot(tmp_path):
     robot = exact_copy(robot_path("finger"), tmp_path)
-    started = LIVE["commands"](robot)
+    started = DEMO["live"](robot)
     assert list(started) == ["rig", "estimator", "view", "compare", "swing", "keep_taut"]
     for name, words in started.items():
         program = Path(words[1] if words[0] == sys.executable else words[0])
@@ -26,9 +26,6 @@ def test_every_program_exists_and_gets_the_robot(tmp_path):
         if program.suffix == ".py":
             assert program.exists()
         assert f"robot:={robot}" in words or name == "compare"
-    without = LIVE["commands"](robot, "")
-    assert "keep_taut" not in without
-    assert "wished/position:=commands/position" in without["swing"]
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGHUP])
@@ -37,11 +34,9 @@ def test_no_program_is_left_behind(by):
     lines = (
         "import runpy, signal, sys",
         "signal.signal(signal.SIGINT, signal.default_int_handler)",
-        f"live = runpy.run_path({str(ROOT / 'tools' / 'live.py')!r})",
+        f"demo = runpy.run_path({str(ROOT / 'tools' / 'demo.py')!r})",
         f"only = {{'one': [sys.executable, '-c', {child!r}]}}",
-        "live['main'].__globals__['commands'] = lambda *_: only",
-        "sys.argv = ['live.py']",
-        "sys.exit(live['main']())",
+        "sys.exit(demo['run'](only)[1])",
     )
     with subprocess.Popen([sys.executable, "-c", "\n".join(lines)], stdout=subprocess.PIPE) as live:
         pid = int(live.stdout.readline())
