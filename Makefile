@@ -84,10 +84,9 @@ soak: setup
 		test/recordings/test_fuzz.py
 	@$(IN_ENV) python -m bench.soak --minutes $(MINUTES)
 
-# The pictures of the report and of `view` need Chromium on the path.
+# The pictures of the report and of `view` need Chromium and chromedriver on the path.
 figures: setup
 	@$(IN_ENV) python tools/figures.py
-	@$(IN_ENV) python tools/view_figures.py
 
 setup: $(PACKAGE)
 

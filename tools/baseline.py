@@ -5,7 +5,7 @@
     python tools/baseline.py BAGS
     python tools/baseline.py BAGS --robot 1=one.yaml --robot 10=config/robots/davinci_jaw.yaml
 
-BAGS holds all runs of one mounting, as `tools/convert_davinci.py` writes them.  The regression is
+BAGS holds all runs of one mounting, as `tools/convert.py` writes them.  The regression is
 what one would fit without a model of the cables: a ridge regression of both torques on features of
 both angles, causal like the estimator, and a small LightGBM on its residual.  It is fitted to the
 first 1, 2, 5 and 10 of the runs of TRAINING and compared on those runs that are not among them.

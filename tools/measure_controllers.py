@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from closed_loop import FIRST_NS, STEP_NS, ClosedLoop
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
@@ -17,10 +16,80 @@ from friction_feedforward import FrictionFeedforward
 from keep_taut import KeepTaut
 from tension_limiter import TensionLimiter
 
-from cdrj_ros.simulation.drives import follow_joints
-from cdrj_ros.simulation.load import make_load
+from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.model.prepared import load_model, prepare
+from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.simulation.commands import checked_command
+from cdrj_ros.simulation.drives import Drives, drive_limits, follow_joints
+from cdrj_ros.simulation.live import LiveRig, LiveSettings
+from cdrj_ros.simulation.load import make_load, usual_load
+from cdrj_ros.simulation.sensors import SensorSettings, encoder_groups, truth_table
 
 DT = 1e-3  # [s]
+STEP_NS = 1_000_000
+FRESH_S = 1e-4  # the angles are as old as their stamps say, to this [s]
+FIRST_NS = 1_000_000_000  # a stamp of 0 denotes a missing stamp
+
+
+class ClosedLoop:
+    """Rig, estimator and a controller without ROS: every run gives the same numbers."""
+
+    def __init__(self, robot, payload=0.3, damping=0.05, cells=8, exact=False, **limits):
+        """Put the rig at rest.
+
+        Args:
+            robot: robot file, or the name of an installed one.
+            payload: mass that the first joint carries [kg].
+            damping: of the first joint [N m s/rad].
+            cells: number of contact cells per pulley.
+            exact: whether the numbers of the robot file are exact, as if identified.
+            limits: of the motors (``drive_limits``) and ``upper`` end stop [rad].
+        """
+        self.model = load_model(robot)
+        if exact:
+            kinds = (("motors", self.model.layout.motors), ("joints", self.model.layout.joints))
+            clocks = [f"{kind}.{name}.clock_offset" for kind, names in kinds for name in names]
+            known = {"others": "exact", "parameters": clocks, "stddev": [FRESH_S] * len(clocks)}
+            document = {**self.model.robot.document, "uncertainty": known}
+            self.model = prepare(build_robot(document, self.model.robot.source))
+        robot = self.model.robot
+        stops = {"upper": limits.pop("upper")} if "upper" in limits else {}
+        load = make_load(usual_load(robot, 0), payload, damping)
+        self.rig = LiveRig(robot, LiveSettings(load, cells=cells, **stops))
+        self.limits = drive_limits(robot, 1.0 / DT, **limits)
+        self.drives = Drives(self.limits)
+        self.estimator = LiveEstimator(self.model)
+        self.sensors = encoder_groups(self.model, SensorSettings(), 0)
+        self.estimate = None
+
+    def command(self, mode, values):
+        """Command all motors: ``position`` [rad], ``velocity`` [rad/s] or ``effort`` [N m]."""
+        order = checked_command(self.limits, mode, values)
+        self.drives.command(order, self.rig.time_s)
+
+    def step(self):
+        """Advance by a millisecond; the newest estimate is then in ``estimate``."""
+        rig = self.rig
+        count = rig.steps + 1
+        angle = self.drives.next(count, count * DT, DT, rig.motor_effort)
+        if not rig.step(angle):
+            self.drives.stopped(rig.motor_angle)
+        angle = np.concatenate([rig.motor_angle, rig.joint_angle])[None]
+        unread = np.zeros(angle.shape)
+        truth = truth_table(angle, unread, unread, rig.tension[None])
+        for group in self.sensors:
+            read = group.take(np.array([rig.time_s]), truth)
+            for stamp_s, values in zip(read.stamps, read.position, strict=True):
+                stamp_ns = FIRST_NS + round(stamp_s * 1e9)
+                _, outputs = self.estimator.feed(group.kind, stamp_ns, group.names, values)
+                self.estimate = outputs[-1] if outputs else self.estimate
+
+    def tensions(self):
+        """The newest estimate: tensions [N], standard deviations [N] and status of all elements."""
+        one = self.estimate
+        if one is None:
+            return np.empty(0), np.empty(0), np.empty(0, dtype=int)
+        return one.tension, one.tension_stddev, one.status.astype(int)
 
 
 class Effect(NamedTuple):
@@ -44,7 +113,7 @@ def limiter(seconds=5.0, limit=60.0):
         largest = 0.0
         for k in range(round(seconds / DT)):
             wished = np.array([1.0 if 0.2 < k * DT < 0.8 * seconds else 0.0])
-            speed = law.allowed(wished, *loop.tensions()[1:])[0] if limited else wished
+            speed = law.allowed(wished, *loop.tensions())[0] if limited else wished
             loop.command("velocity", speed)
             loop.step()
             largest = max(largest, loop.rig.tension.max())
@@ -109,7 +178,7 @@ def taut(seconds=12.0, floor=2.0, share=-0.5):
         for k in range(1, time_s.size):
             brief_load(loop, k * DT)
             if share is None:
-                added = law.update(DT, *loop.tensions()[1:])
+                added = law.update(DT, *loop.tensions())
             else:
                 added = law.turn * share
             loop.command("position", motors[k] + added)
