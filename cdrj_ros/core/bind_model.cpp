@@ -1,4 +1,5 @@
-// The module `cdrj_ros._core`: the columns of the rows of records, by the names of these, and a robot and its samples, as `cdrj_ros.model` and `cdrj_ros.estimation` use them.
+// The module `cdrj_ros._core`: the parts of a robot's arrays, and a robot and its samples, as `cdrj_ros.model` and
+// `cdrj_ros.estimation` use them.
 #include <algorithm>
 #include <optional>
 #include <string>
@@ -43,61 +44,91 @@ Columns columns_of(const char* names, const Fields&...) {
         names, {{sizeof(Fields) / sizeof(Index), std::is_same_v<Fields, Index> || std::is_enum_v<Fields>}...});
 }
 
-/// In a scope of the record its fields are variables, which are named once: for the compiler and as text.
-#define ADD_RECORD(Record, ...)                                                                  \
-    struct Record##Scope : Record {                                                              \
-        Columns columns() const { return columns_of<Record>(#__VA_ARGS__, __VA_ARGS__); }        \
-    };                                                                                           \
-    records[#Record] = Record##Scope{}.columns()
+/// Names and types of the fields of a record; of plain numbers, none.
+template <typename Record>
+struct Described {
+    static_assert(std::is_same_v<Record, double> || std::is_same_v<Record, Vector3>, "not described");
+    Columns columns() const { return {}; }
+};
 
-ByName<Columns> all_records() {
-    ByName<Columns> records;
-    ADD_RECORD(
-        CableTopology, first_element, elements, first_pulley, pulleys, first_contact, contacts,
-        first_node, law, routed);
-    ADD_RECORD(EndTopology, first_turn, turns, drum);
-    ADD_RECORD(TurnTopology, motor);
-    ADD_RECORD(PulleyTopology, element, first_contact, cells, surface, wrap_changes, stribeck);
-    ADD_RECORD(TermTopology, adds_to_wrap, target, joint);
-    ADD_RECORD(FrameTopology, parent, motion, joint);
-    ADD_RECORD(NodeTopology, kind, frame, exit_frame);
-    ADD_RECORD(
-        CableConstants, axial_stiffness, bedding_strain, bedding_tension, creep_share, creep_time,
-        flow_time, preload, maximum_tension, credible_tension, wound_tension, slack_tension);
-    ADD_RECORD(EndConstants, radius);
-    ADD_RECORD(TurnConstants, winding);
-    ADD_RECORD(
-        PulleyConstants, radius, rho, mu_c, mu_s, stribeck_speed, stribeck_lag, bearing_ratio, drag,
-        bristle_stiffness, bristle_damping, viscous, breakaway, wrap, moved_after, cell_width,
-        kinetic_loss, static_loss, half_sine, half_cosine);
-    ADD_RECORD(ElementConstants, span);
-    ADD_RECORD(SegmentConstants, material);
-    ADD_RECORD(MotorConstants, reference_angle);
-    ADD_RECORD(JointConstants, lower, interval);
-    ADD_RECORD(
-        AxisConstants, effort_sign, bearing_torque, bearing_stiffness, spring_stiffness, spring_rest);
-    ADD_RECORD(Cubic, c0, c1, c2, c3);
-    ADD_RECORD(FrameConstants, origin, rotation, axis, rolling_radius, multiplier, offset);
-    ADD_RECORD(
-        NodeConstants, centre, basis, exit, sided, ignored_inside, radius, turn, inside, turns, lead,
-        reel, length, arc_reference, turn_reference);
-    ADD_RECORD(ResidualTopology, column, cable, first_input, inputs, first_weight);
-    ADD_RECORD(ResidualInputTopology, axis, column);
-    ADD_RECORD(ResidualRange, lower, upper);
-    ADD_RECORD(ResidualConstants, bound, variance);
-    ADD_RECORD(ResidualInput, place, stop, motion);
-    ADD_RECORD(Drum, points, spacing, rate_below, angle, material);
-    ADD_RECORD(ArcMiddle, normal, tangent, height);
-    ADD_RECORD(Segment, length_before, length, material_before, material, tension);
-    ADD_RECORD(
-        Contact, share, stiffness, damping, viscous, drag, breakaway, shift, flux, bristle_before,
-        bristle, loss, static_share, bound, trial, step, residual, by_slip, by_pull, upper);
-    ADD_RECORD(Pose, rotation, origin);
-    ADD_RECORD(Twist, angular, linear);
-    ADD_RECORD(
-        Touch, centre, basis, entry, exit, before, after, side, normal, entry_normal, exit_normal,
-        before_length, after_length, sense, touching, angle, wrap, arc, share, twisted, wound, lever);
-    return records;
+/// In a scope of the record its fields are variables, which are named once: for the compiler and as text.
+#define DESCRIBE(Record, ...)                                                                    \
+    template <>                                                                                  \
+    struct Described<Record> : Record {                                                          \
+        Columns columns() const { return columns_of<Record>(#__VA_ARGS__, __VA_ARGS__); }        \
+    }
+
+DESCRIBE(
+    CableTopology, first_element, elements, first_pulley, pulleys, first_contact, contacts,
+    first_node, law, routed);
+DESCRIBE(EndTopology, first_turn, turns, drum);
+DESCRIBE(TurnTopology, motor);
+DESCRIBE(PulleyTopology, element, first_contact, cells, surface, wrap_changes, stribeck);
+DESCRIBE(TermTopology, adds_to_wrap, target, joint);
+DESCRIBE(FrameTopology, parent, motion, joint);
+DESCRIBE(NodeTopology, kind, frame, exit_frame);
+DESCRIBE(
+    CableConstants, axial_stiffness, bedding_strain, bedding_tension, creep_share, creep_time,
+    flow_time, preload, maximum_tension, credible_tension, wound_tension, slack_tension);
+DESCRIBE(EndConstants, radius);
+DESCRIBE(TurnConstants, winding);
+DESCRIBE(
+    PulleyConstants, radius, rho, mu_c, mu_s, stribeck_speed, stribeck_lag, bearing_ratio, drag,
+    bristle_stiffness, bristle_damping, viscous, breakaway, wrap, moved_after, cell_width,
+    kinetic_loss, static_loss, half_sine, half_cosine);
+DESCRIBE(ElementConstants, span);
+DESCRIBE(SegmentConstants, material);
+DESCRIBE(MotorConstants, reference_angle);
+DESCRIBE(JointConstants, lower, interval);
+DESCRIBE(
+    AxisConstants, effort_sign, bearing_torque, bearing_stiffness, spring_stiffness, spring_rest);
+DESCRIBE(Cubic, c0, c1, c2, c3);
+DESCRIBE(FrameConstants, origin, rotation, axis, rolling_radius, multiplier, offset);
+DESCRIBE(
+    NodeConstants, centre, basis, exit, sided, ignored_inside, radius, turn, inside, turns, lead,
+    reel, length, arc_reference, turn_reference);
+DESCRIBE(ResidualTopology, column, cable, first_input, inputs, first_weight);
+DESCRIBE(ResidualInputTopology, axis, column);
+DESCRIBE(ResidualRange, lower, upper);
+DESCRIBE(ResidualConstants, bound, variance);
+DESCRIBE(ResidualInput, place, stop, motion);
+DESCRIBE(Drum, points, spacing, rate_below, angle, material);
+DESCRIBE(ArcMiddle, normal, tangent, height);
+DESCRIBE(Segment, length_before, length, material_before, material, tension);
+DESCRIBE(
+    Contact, share, stiffness, damping, viscous, drag, breakaway, shift, flux, bristle_before,
+    bristle, loss, static_share, bound, trial, step, residual, by_slip, by_pull, upper);
+DESCRIBE(Pose, rotation, origin);
+DESCRIBE(Twist, angular, linear);
+DESCRIBE(
+    Touch, centre, basis, entry, exit, before, after, side, normal, entry_normal, exit_normal,
+    before_length, after_length, sense, touching, angle, wrap, arc, share, twisted, wound, lever);
+
+using PartList = List<std::tuple<std::string, std::vector<Index>, Columns>>;
+
+/// Name, shape and fields of every part of an array, in their order.
+template <typename Whole>
+PartList parts_of(const Sizes& sizes) {
+    PartList found;
+    Whole::parts(sizes, [&](const char* name, auto member, auto... shape) {
+        using Record = std::remove_const_t<decltype(record_of(member))>;
+        std::vector<Index> whole{shape...};
+        if (std::is_same_v<Record, Vector3>) whole.push_back(3);
+        found.append(nb::make_tuple(name, whole, Described<Record>{}.columns()));
+    });
+    return found;
+}
+
+/// The parts of all arrays of a robot of these sizes.
+ByName<PartList> robot_parts(const GivenIntegers& given) {
+    require(given.size() == Index{sizeof(Sizes) / sizeof(Index)}, "sizes are not those of a topology");
+    const Sizes& sizes = *reinterpret_cast<const Sizes*>(given.data());
+    ByName<PartList> found;
+    found["topology"] = parts_of<Topology>(sizes);
+    found["constants"] = parts_of<Constants>(sizes);
+    found["state"] = parts_of<State>(sizes);
+    found["scratch"] = parts_of<Workspace>(sizes);
+    return found;
 }
 
 std::tuple<HeldState, Written, bool> step(
@@ -263,6 +294,11 @@ void bind_robot(nb::module_& core) {
         Returns:
             The products of all rows and columns, shape (n, weights), and the share of the correction
             that applies, shape (n,).)");
+    core.def("robot_parts", robot_parts, "sizes"_a, R"(
+        Parts of ``topology`` after its sizes, ``constants``, ``state`` and ``scratch`` of a robot of these sizes.
+
+        Of each part, in their order: its name, its shape, and the fields of its rows with NumPy's types,
+        none for plain numbers.)");
     core.def("estimate_parts", estimate_parts, "topology"_a, R"(
         Parts of an estimate in their order: first and end among its numbers, first of the standard deviations.
 
@@ -380,8 +416,6 @@ NB_MODULE(_core, core) {
         Angles are in rad (in m for a sliding axis), stamps in ns since the clock's epoch.)";
     nb::set_leak_warnings(false);  // Python does not free what its modules hold when it ends
     cdrj::use_numpy();
-    core.def(
-        "records", cdrj::all_records, "Fields of the records of ``robot_records.hpp`` with NumPy's types.");
     cdrj::bind_messages(core);
     cdrj::bind_conditioning(core);
     cdrj::bind_ensemble(core);

@@ -489,7 +489,7 @@ void Ensemble::step_member(Index member, const Walk& walk, Nanoseconds before) {
         step, walk.axes, {readings.first(sizes.motors), readings.last(sizes.joints), 0.0});
     std::ranges::copy(step.after.angle, step.before.angle.begin());
     std::ranges::copy(step.after.bearing_friction, step.before.bearing_friction.begin());
-    *step.before.started = 1.0;
+    step.before.started[0] = 1.0;
 }
 
 /// Shift a member's reading by its share of the angle's deviation (U3), within the axis's range.

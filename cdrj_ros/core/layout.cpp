@@ -6,26 +6,37 @@
 namespace cdrj {
 namespace {
 
-/// Takes one part after another from a flat array of 8-byte words.
-template <typename Word>
-class Parts {
-public:
-    explicit Parts(Word* begin) : next_(begin) {}
+/// Let a part be the next rows of a flat array of 8-byte words, which then begins after them.
+template <typename Word, typename Record>
+void take(std::span<Record>& part, Word*& next, Index count) {
+    static_assert(sizeof(Record) % sizeof(Word) == 0 && alignof(Record) == alignof(Word));
+    part = {reinterpret_cast<Record*>(next), static_cast<std::size_t>(count)};
+    next += count * static_cast<Index>(sizeof(Record) / sizeof(Word));
+}
 
-    /// The next `count` records.
-    template <typename Record>
-    std::span<Record> take(Index count) {
-        static_assert(sizeof(Record) % sizeof(Word) == 0 && alignof(Record) == alignof(Word));
-        auto* first = reinterpret_cast<Record*>(next_);
-        next_ += count * static_cast<Index>(sizeof(Record) / sizeof(Word));
-        return {first, static_cast<std::size_t>(count)};
-    }
+template <typename Word, typename Record>
+void take(Grid<Record>& part, Word*& next, Index rows, Index width) {
+    std::span<Record> whole;
+    take(whole, next, rows * width);
+    part = {whole.data(), width};
+}
 
-    Word* next() const { return next_; }
+/// Lay all parts over an array; returns where the last one ends.
+template <typename Whole, typename Word>
+Word* lay(Whole& whole, const Sizes& sizes, Word* next) {
+    Whole::parts(sizes, [&](const char*, auto member, auto... shape) { take(whole.*member, next, shape...); });
+    return next;
+}
 
-private:
-    Word* next_;
-};
+/// Words of all parts.
+template <typename Whole>
+std::size_t words_of(const Sizes& sizes) {
+    Index words = 0;
+    Whole::parts(sizes, [&](const char*, auto member, auto... shape) {
+        words += Index{sizeof(decltype(record_of(member))) / 8} * (shape * ...);
+    });
+    return static_cast<std::size_t>(words);
+}
 
 constexpr Index SIZES = sizeof(Sizes) / sizeof(Index);
 
@@ -104,55 +115,13 @@ CableSet Paths::some(std::span<const bool> chosen) const {
 }
 
 Topology::Topology(const Index* packed) : sizes(*reinterpret_cast<const Sizes*>(packed)) {
-    Parts parts(packed + SIZES);
-    cables = parts.take<const CableTopology>(sizes.cables);
-    ends = parts.take<const EndTopology>(2 * sizes.cables);
-    turns = parts.take<const TurnTopology>(sizes.turns);
-    pulleys = parts.take<const PulleyTopology>(sizes.pulleys);
-    terms = parts.take<const TermTopology>(sizes.terms);
-    frames = parts.take<const FrameTopology>(sizes.frames);
-    nodes = parts.take<const NodeTopology>(sizes.nodes);
-    residuals = parts.take<const ResidualTopology>(sizes.residuals);
-    residual_inputs = parts.take<const ResidualInputTopology>(sizes.residual_inputs);
+    lay(*this, sizes, packed + SIZES);
     paths = std::make_shared<const Paths>(paths_of(*this));
 }
 
-Constants::Constants(const Sizes& sizes, const double* packed) {
-    Parts parts(packed);
-    cables = parts.take<const CableConstants>(sizes.cables);
-    ends = parts.take<const EndConstants>(2 * sizes.cables);
-    turns = parts.take<const TurnConstants>(sizes.turns);
-    pulleys = parts.take<const PulleyConstants>(sizes.pulleys);
-    elements = parts.take<const ElementConstants>(sizes.elements);
-    segments = parts.take<const SegmentConstants>(sizes.segments());
-    motors = parts.take<const MotorConstants>(sizes.motors);
-    joints = parts.take<const JointConstants>(sizes.joints);
-    axes = parts.take<const AxisConstants>(sizes.axes());
-    tables = parts.take<const Cubic>(sizes.terms * TABLE_INTERVALS);
-    frames = parts.take<const FrameConstants>(sizes.frames);
-    nodes = parts.take<const NodeConstants>(sizes.nodes);
-    residuals = parts.take<const ResidualConstants>(sizes.residuals);
-    residual_ranges = parts.take<const ResidualRange>(sizes.residual_inputs);
-    residual_weights = parts.take<const double>(sizes.residual_weights);
-}
+Constants::Constants(const Sizes& sizes, const double* packed) { lay(*this, sizes, packed); }
 
-State::State(const Sizes& sizes, double* state) : started(state) {
-    Parts parts(state + 1);
-    length = parts.take<double>(sizes.segments());
-    material = parts.take<double>(sizes.segments());
-    delayed = parts.take<double>(sizes.segments());
-    bristle = parts.take<double>(sizes.contacts);
-    slip_speed = parts.take<double>(sizes.contacts);
-    lagged_speed = parts.take<double>(sizes.contacts);
-    place = parts.take<double>(sizes.contacts);
-    track = parts.take<double>(sizes.pulleys);
-    covered = parts.take<double>(sizes.surfaces);
-    angle = parts.take<double>(sizes.axes());
-    bearing_friction = parts.take<double>(sizes.axes());
-    drums = parts.take<Drum>(sizes.drums);
-    middles = parts.take<ArcMiddle>(sizes.nodes);
-    residual_inputs = parts.take<ResidualInput>(sizes.residual_inputs);
-}
+State::State(const Sizes& sizes, double* state) { lay(*this, sizes, state); }
 
 void State::take_cable(const Topology& topology, Index c, const State& from) const {
     const CableTopology& cable = topology.cables[c];
@@ -179,17 +148,10 @@ void State::take_cable(const Topology& topology, Index c, const State& from) con
     if (!middles.empty()) take(middles, from.middles, cable.first_node, cable.elements + 1);
 }
 
-std::size_t State::size(const Sizes& sizes) {
-    const Index words = 1 + 3 * sizes.segments() + 4 * sizes.contacts + sizes.pulleys + sizes.surfaces +
-                        2 * sizes.axes() + sizes.drums * Index{sizeof(Drum) / 8} +
-                        sizes.nodes * Index{sizeof(ArcMiddle) / 8} +
-                        sizes.residual_inputs * Index{sizeof(ResidualInput) / 8};
-    return static_cast<std::size_t>(words);
-}
+std::size_t State::size(const Sizes& sizes) { return words_of<State>(sizes); }
 
 Estimate::Estimate(const Sizes& sizes, double* estimate) {
-    Parts parts(estimate);
-    for (const EstimatePart& part : ESTIMATE) this->*part.numbers = parts.take<double>(sizes.*part.count);
+    for (const EstimatePart& part : ESTIMATE) take(this->*part.numbers, estimate, sizes.*part.count);
 }
 
 std::size_t Estimate::size(const Sizes& sizes) {
@@ -207,33 +169,10 @@ Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among
     return first;
 }
 
-Workspace::Workspace(const Sizes& sizes, double* scratch) {
-    Parts parts(scratch);
-    element_length = parts.take<double>(sizes.elements);
-    lever_arm = {parts.take<double>(sizes.elements * sizes.joints).data(), sizes.joints};
-    direction = parts.take<Vector3>(sizes.elements);
-    wrap = parts.take<double>(sizes.pulleys);
-    arc = parts.take<double>(sizes.pulleys);
-    laid = parts.take<double>(2 * sizes.cables);
-    middle = parts.take<double>(sizes.pulleys);
-    segments = parts.take<Segment>(sizes.segments());
-    contacts = parts.take<Contact>(sizes.contacts);
-    pose = parts.take<Pose>(sizes.frames);
-    twist = {parts.take<Twist>(sizes.frames * sizes.joints).data(), sizes.joints};
-    touches = parts.take<Touch>(sizes.nodes);
-    middles = parts.take<ArcMiddle>(sizes.nodes);
-    products = parts.take<double>(sizes.residual_weights);
-    history = parts.next();
-}
+Workspace::Workspace(const Sizes& sizes, double* scratch) { history = lay(*this, sizes, scratch); }
 
 std::size_t Workspace::size(const Sizes& sizes) {
-    const Index history = sizes.surfaces > 0 ? static_cast<Index>(State::size(sizes)) : 0;
-    return static_cast<std::size_t>(
-        history + (4 + sizes.joints) * sizes.elements + 3 * sizes.pulleys + 2 * sizes.cables +
-        sizes.segments() * Index{sizeof(Segment) / 8} + sizes.contacts * Index{sizeof(Contact) / 8} +
-        sizes.frames * Index{sizeof(Pose) / 8} +
-        sizes.frames * sizes.joints * Index{sizeof(Twist) / 8} +
-        sizes.nodes * Index{(sizeof(Touch) + sizeof(ArcMiddle)) / 8} + sizes.residual_weights);
+    return words_of<Workspace>(sizes) + (sizes.surfaces > 0 ? State::size(sizes) : 0);
 }
 
 }  // namespace cdrj

@@ -1,7 +1,6 @@
 // Where the parts of a robot, its state, its estimate and its workspace lie in flat arrays.
 //
-// `cdrj_ros.model` makes the arrays, and lays them out in the same order: packing.py has views of a
-// robot's topology and constants and of workspaces.
+// `cdrj_ros.model` makes the arrays; packing.py has views of them by the names that `parts` gives here.
 #pragma once
 
 #include <algorithm>
@@ -49,6 +48,12 @@ struct Grid {
 /// A table of numbers by rows.
 using Table = Grid<double>;
 
+/// What the rows of a part are, by the member that has them.
+template <typename Whole, typename Record>
+Record record_of(std::span<Record> Whole::*);
+template <typename Whole, typename Record>
+Record record_of(Grid<Record> Whole::*);
+
 /// What a cable depends on; all lists are increasing.
 struct CablePath {
     std::vector<Index> terms;   // that are added to its spans and wraps
@@ -91,6 +96,20 @@ struct Topology {
     std::span<const ResidualTopology> residuals;
     std::span<const ResidualInputTopology> residual_inputs;
     std::shared_ptr<const Paths> paths;
+
+    /// Every part in its order: its name, its member, and its rows, of a `Grid` with the width.
+    template <typename Visit>
+    static void parts([[maybe_unused]] const Sizes& sizes, Visit visit) {
+        visit("cables", &Topology::cables, sizes.cables);
+        visit("ends", &Topology::ends, 2 * sizes.cables);
+        visit("turns", &Topology::turns, sizes.turns);
+        visit("pulleys", &Topology::pulleys, sizes.pulleys);
+        visit("terms", &Topology::terms, sizes.terms);
+        visit("frames", &Topology::frames, sizes.frames);
+        visit("nodes", &Topology::nodes, sizes.nodes);
+        visit("residuals", &Topology::residuals, sizes.residuals);
+        visit("residual_inputs", &Topology::residual_inputs, sizes.residual_inputs);
+    }
 
     /// The first of some parts, and the one after the last.
     struct Range {
@@ -135,6 +154,26 @@ struct Constants {
     std::span<const ResidualConstants> residuals;
     std::span<const ResidualRange> residual_ranges;  // of their inputs
     std::span<const double> residual_weights;
+
+    /// Every part in its order: its name, its member, and its rows, of a `Grid` with the width.
+    template <typename Visit>
+    static void parts([[maybe_unused]] const Sizes& sizes, Visit visit) {
+        visit("cables", &Constants::cables, sizes.cables);
+        visit("ends", &Constants::ends, 2 * sizes.cables);
+        visit("turns", &Constants::turns, sizes.turns);
+        visit("pulleys", &Constants::pulleys, sizes.pulleys);
+        visit("elements", &Constants::elements, sizes.elements);
+        visit("segments", &Constants::segments, sizes.segments());
+        visit("motors", &Constants::motors, sizes.motors);
+        visit("joints", &Constants::joints, sizes.joints);
+        visit("axes", &Constants::axes, sizes.axes());
+        visit("tables", &Constants::tables, sizes.terms * TABLE_INTERVALS);
+        visit("frames", &Constants::frames, sizes.frames);
+        visit("nodes", &Constants::nodes, sizes.nodes);
+        visit("residuals", &Constants::residuals, sizes.residuals);
+        visit("residual_ranges", &Constants::residual_ranges, sizes.residual_inputs);
+        visit("residual_weights", &Constants::residual_weights, sizes.residual_weights);
+    }
 };
 
 /// Angle by which motors have wound cable in at an end since the reference pose [rad], (E3).
@@ -157,7 +196,7 @@ struct State {
 
     static std::size_t size(const Sizes& sizes);
 
-    double* started;                // 0 before the first sample, then 1; a cable starts in the first
+    std::span<double> started;      // 0 before the first sample, then 1; a cable starts in the first
                                     // pose that is possible for it, and holds no material before
     std::span<double> length;       // geometric, of every segment with its share of the arcs [m]
     std::span<double> material;     // unstretched length of every segment [m]
@@ -174,6 +213,26 @@ struct State {
     std::span<Drum> drums;          // of every end that takes up cable
     std::span<ArcMiddle> middles;   // of every node
     std::span<ResidualInput> residual_inputs;
+
+    /// Every part in its order: its name, its member, and its rows, of a `Grid` with the width.
+    template <typename Visit>
+    static void parts([[maybe_unused]] const Sizes& sizes, Visit visit) {
+        visit("started", &State::started, Index{1});
+        visit("length", &State::length, sizes.segments());
+        visit("material", &State::material, sizes.segments());
+        visit("delayed", &State::delayed, sizes.segments());
+        visit("bristle", &State::bristle, sizes.contacts);
+        visit("slip_speed", &State::slip_speed, sizes.contacts);
+        visit("lagged_speed", &State::lagged_speed, sizes.contacts);
+        visit("place", &State::place, sizes.contacts);
+        visit("track", &State::track, sizes.pulleys);
+        visit("covered", &State::covered, sizes.surfaces);
+        visit("angle", &State::angle, sizes.axes());
+        visit("bearing_friction", &State::bearing_friction, sizes.axes());
+        visit("drums", &State::drums, sizes.drums);
+        visit("middles", &State::middles, sizes.nodes);
+        visit("residual_inputs", &State::residual_inputs, sizes.residual_inputs);
+    }
 
     /// Whether a cable has a history, by its first segment.
     bool holds(Index first_segment) const { return material[first_segment] > 0.0; }
@@ -272,6 +331,25 @@ struct Workspace {
     std::span<double> products;        // of rows and columns of (R1), as the weights
     double* history;                   // the state before the sample, by the contact cells of this
                                        // sample; only where some are fixed to a surface
+
+    /// Every part in its order: its name, its member, and its rows, of a `Grid` with the width.
+    template <typename Visit>
+    static void parts([[maybe_unused]] const Sizes& sizes, Visit visit) {
+        visit("element_length", &Workspace::element_length, sizes.elements);
+        visit("lever_arm", &Workspace::lever_arm, sizes.elements, sizes.joints);
+        visit("direction", &Workspace::direction, sizes.elements);
+        visit("wrap", &Workspace::wrap, sizes.pulleys);
+        visit("arc", &Workspace::arc, sizes.pulleys);
+        visit("laid", &Workspace::laid, 2 * sizes.cables);
+        visit("middle", &Workspace::middle, sizes.pulleys);
+        visit("segments", &Workspace::segments, sizes.segments());
+        visit("contacts", &Workspace::contacts, sizes.contacts);
+        visit("pose", &Workspace::pose, sizes.frames);
+        visit("twist", &Workspace::twist, sizes.frames, sizes.joints);
+        visit("touches", &Workspace::touches, sizes.nodes);
+        visit("middles", &Workspace::middles, sizes.nodes);
+        visit("products", &Workspace::products, sizes.residual_weights);
+    }
 };
 
 }  // namespace cdrj

@@ -106,7 +106,7 @@ double effort_of_cable(const Step& step, Index axis, Index c, double effort) {
 void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles& angles) {
     auto& [topology, constants, before, after, estimate, work] = step;
     const Index motors = topology.sizes.motors;
-    const bool started = *before.started != 0.0;
+    const bool started = before.started[0] != 0.0;
     for (const Index a : axes) {
         const AxisConstants& axis = constants.axes[a];
         const double angle = a < motors ? angles.motor[a] : angles.joint[a - motors];

@@ -74,7 +74,7 @@ inline double trust_in(std::span<const ResidualInput> inputs) {
 inline void correct_outputs(Step& step, double dt, bool solved) {
     auto& [topology, constants, before, after, estimate, work] = step;
     double* const values = estimate.tension.data();  // its first part
-    const bool started = *before.started != 0.0;
+    const bool started = before.started[0] != 0.0;
     for (Index k = 0; k < topology.sizes.residual_inputs; ++k) {
         const auto [axis, column] = topology.residual_inputs[k];
         const double value = axis >= 0 ? after.angle[axis] : values[column];

@@ -315,7 +315,7 @@ bool advance_cables(Step& step, const CableSet& some, const SampleAngles& angles
     bool solved = true;
     for (const Index c : some.cables) solved = advance_cable(step, c, angles) && solved;
     report_efforts(step, some.axes, angles);
-    *step.after.started = 1.0;
+    step.after.started[0] = 1.0;
     return solved;
 }
 
@@ -342,7 +342,7 @@ bool Robot::is_state(std::span<const double> numbers) const {
     }
     std::vector<double> copy(numbers.begin(), numbers.end());
     const State state(topology.sizes, copy.data());
-    if (*state.started == 0.0) return true;
+    if (state.started[0] == 0.0) return true;
     for (Index end = 0; end < 2 * topology.sizes.cables; ++end) {
         const Index drum = topology.ends[end].drum;
         if (drum < 0 || !state.holds(topology.segments_of(end / 2).first)) continue;

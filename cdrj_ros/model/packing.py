@@ -3,7 +3,7 @@
 ``topology`` holds integers: how many parts there are, and their connections.  ``constants`` holds
 reals; the members of an ensemble differ in them and share one topology.  The compiled core reads
 the same two vectors, and reads and writes states, scratch and estimates.  Its headers describe all
-parts and records: ``layout.hpp`` and ``robot_records.hpp``.
+parts and records, and it lays them out: ``layout.hpp`` and ``robot_records.hpp``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.robot.description import TABLE_INTERVALS, Robot
+from cdrj_ros.robot.description import Robot
 
 Indices = NDArray[np.int64]
 
@@ -61,48 +61,35 @@ class Sizes(NamedTuple):
 _SIZES: Final = len(Sizes._fields)
 
 
+class Part(NamedTuple):
+    """One part of a flat array."""
+
+    shape: tuple[int, ...]
+    """Of its view: one number, or the sizes of a table."""
+    record: Any
+    """Type of its rows, whose fields take 8 bytes each; None for plain numbers."""
+    size: int
+    """Words of 8 bytes."""
+
+
 @lru_cache
-def _topology_parts(sizes: Sizes) -> dict[str, Part]:
-    """The parts of a topology after its sizes: ``Topology`` of the core."""
+def parts_of(sizes: Sizes) -> dict[str, dict[str, Part]]:
+    """Parts of ``topology`` after its sizes, ``constants``, ``state`` and ``scratch``, by name."""
+
+    def part(shape: list[int], columns: list[tuple[str, str]]) -> Part:
+        record = np.dtype((np.record, columns)) if columns else None
+        return Part(tuple(shape), record, prod(shape) * (record.itemsize // 8 if record else 1))
+
     return {
-        "cables": part(sizes.cables, record="CableTopology"),
-        "ends": part(2 * sizes.cables, record="EndTopology"),
-        "turns": part(sizes.turns, record="TurnTopology"),
-        "pulleys": part(sizes.pulleys, record="PulleyTopology"),
-        "terms": part(sizes.terms, record="TermTopology"),
-        "frames": part(sizes.frames, record="FrameTopology"),
-        "nodes": part(sizes.nodes, record="NodeTopology"),
-        "residuals": part(sizes.residuals, record="ResidualTopology"),
-        "residual_inputs": part(sizes.residual_inputs, record="ResidualInputTopology"),
+        array: {name: part(*layout) for name, *layout in parts}
+        for array, parts in _core.robot_parts(sizes).items()
     }
 
 
 def topology_views(topology: Indices) -> Views:
     """Named views of the sizes and the parts of a topology."""
     sizes = Sizes(*topology[:_SIZES].tolist())
-    return Views(sizes=sizes, **vars(views(topology, _topology_parts(sizes), _SIZES)))
-
-
-@lru_cache
-def _constant_parts(sizes: Sizes) -> dict[str, Part]:
-    """The parts of the constants: ``Constants`` of the core."""
-    return {
-        "cables": part(sizes.cables, record="CableConstants"),
-        "ends": part(2 * sizes.cables, record="EndConstants"),
-        "turns": part(sizes.turns, record="TurnConstants"),
-        "pulleys": part(sizes.pulleys, record="PulleyConstants"),
-        "elements": part(sizes.elements, record="ElementConstants"),
-        "segments": part(sizes.contacts + sizes.cables, record="SegmentConstants"),
-        "motors": part(sizes.motors, record="MotorConstants"),
-        "joints": part(sizes.joints, record="JointConstants"),
-        "axes": part(sizes.motors + sizes.joints, record="AxisConstants"),
-        "tables": part(sizes.terms * TABLE_INTERVALS, record="Cubic"),
-        "frames": part(sizes.frames, record="FrameConstants"),
-        "nodes": part(sizes.nodes, record="NodeConstants"),
-        "residuals": part(sizes.residuals, record="ResidualConstants"),
-        "residual_ranges": part(sizes.residual_inputs, record="ResidualRange"),
-        "residual_weights": part(sizes.residual_weights),
-    }
+    return Views(sizes=sizes, **vars(views(topology[_SIZES:], parts_of(sizes)["topology"])))
 
 
 def constant_views(sizes: Sizes, constants: Vector) -> Views:
@@ -113,20 +100,17 @@ def constant_views(sizes: Sizes, constants: Vector) -> Views:
         constants: shape (constants,), or (robots, constants), and the views then have the
             same first axis.
     """
-    return views(constants, _constant_parts(sizes))
+    return views(constants, parts_of(sizes)["constants"])
 
 
 def empty_robot(sizes: Sizes) -> tuple[Indices, Vector]:
     """Topology and constants of a robot, all zero except for the sizes."""
-    topology = np.zeros(_SIZES + size_of(_topology_parts(sizes)), dtype=np.int64)
+    words = {
+        name: sum(part.size for part in parts.values()) for name, parts in parts_of(sizes).items()
+    }
+    topology = np.zeros(_SIZES + words["topology"], dtype=np.int64)
     topology[:_SIZES] = sizes
-    return topology, np.zeros(size_of(_constant_parts(sizes)))
-
-
-RECORDS: Final[dict[str, Any]] = {
-    name: np.dtype((np.record, columns)) for name, columns in _core.records().items()
-}
-"""Types of rows by the name of the record."""
+    return topology, np.zeros(words["constants"])
 
 
 def code_of(kinds: type[Enum], word: str) -> int:
@@ -139,43 +123,15 @@ def code_of(kinds: type[Enum], word: str) -> int:
     return int(kinds[word].value)
 
 
-def words(record: Any) -> int:
-    """Number of 8-byte words in a row."""
-    return int(record.itemsize) // 8
-
-
-class Part(NamedTuple):
-    """One part of a vector."""
-
-    shape: tuple[int, ...]
-    """Of its view: one number, or the sizes of a table."""
-    record: Any
-    """Record type of its rows, whose fields take 8 bytes each; None for plain numbers."""
-    size: int
-    """Words of 8 bytes."""
-
-
-def part(*shape: int, record: str = "") -> Part:
-    """A part of this shape, of plain numbers or of the records of a name."""
-    rows = RECORDS[record] if record else None
-    return Part(shape, rows, prod(shape) * (words(rows) if record else 1))
-
-
-def size_of(parts: Mapping[str, Part]) -> int:
-    """Words of 8 bytes of all parts."""
-    return sum(part.size for part in parts.values())
-
-
-def views(vector: NDArray[Any], parts: Mapping[str, Part], begin: int = 0) -> Views:
+def views(vector: NDArray[Any], parts: Mapping[str, Part]) -> Views:
     """A view of every part.
 
     Args:
-        vector: in which the parts lie from ``begin`` on, or a table with such a vector in every
-            row; the views then have the same first axis.
+        vector: of the parts, or a table with such a vector in every row; the views then have the
+            same first axis.
         parts: by name, in their order.
-        begin: where the first part begins.
     """
-    found = Views()
+    found, begin = Views(), 0
     for name, part in parts.items():
         end = begin + part.size
         view = vector[..., begin:end]
@@ -190,29 +146,9 @@ OK, SLACK, OVERLOAD, UNSURE, STALE, INVALID = 0, 1, 2, 4, 8, 16
 """Bit flags of an element's status; cdrj_msgs/CableTensions defines the same values."""
 
 
-@lru_cache
-def _scratch_parts(sizes: Sizes) -> dict[str, Part]:
-    """The first parts of the scratch: ``Workspace`` of the core."""
-    pulleys = part(sizes.pulleys)
-    return {
-        "element_length": part(sizes.elements),
-        "lever_arm": part(sizes.elements, sizes.joints),
-        "direction": part(sizes.elements, 3),
-        "wrap": pulleys,
-        "arc": pulleys,
-        "laid": part(2 * sizes.cables),
-        "middle": pulleys,
-        "segments": part(sizes.contacts + sizes.cables, record="Segment"),
-        "contacts": part(sizes.contacts, record="Contact"),
-        "pose": part(sizes.frames, record="Pose"),
-        "twist": part(sizes.frames, sizes.joints, record="Twist"),
-        "touches": part(sizes.nodes, record="Touch"),
-    }
-
-
 def scratch_views(sizes: Sizes, scratch: Vector) -> Views:
     """Named views of the parts of the scratch, shape (core.scratch_size,)."""
-    return views(scratch, _scratch_parts(sizes))
+    return views(scratch, parts_of(sizes)["scratch"])
 
 
 TENSION: Final = "tension"

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cdrj_ros._core import Drum
-from cdrj_ros.model.packing import RECORDS
+from cdrj_ros.model.packing import Sizes, parts_of
 
 RADIUS, STIFFNESS = 0.015, 6283.0
-CAPACITY = RECORDS["Drum"]["angle"].shape[0]
+CAPACITY = parts_of(Sizes(*[0] * 11))["state"]["drums"].record["angle"].shape[0]
 FIRST_SPACING = 0.1
 """Distance of break points until the memory is full for the first time [rad]."""
 
