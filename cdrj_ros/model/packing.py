@@ -81,8 +81,8 @@ def parts_of(sizes: Sizes) -> dict[str, dict[str, Part]]:
         return Part(tuple(shape), record, prod(shape) * (record.itemsize // 8 if record else 1))
 
     return {
-        array: {name: part(*layout) for name, *layout in parts}
-        for array, parts in _core.robot_parts(sizes).items()
+        array: {name: part(shape, columns) for name, shape, columns in parts}
+        for array, parts in _core.robot_parts(np.array(sizes)).items()
     }
 
 
