@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import asdict
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
 
 from bench.figures import ROOT, Row
 from bench.processes import isolate
@@ -28,22 +23,13 @@ COMPARED = ("numpy", "rclpy", "mujoco", "rosbags", "mcap")
 """Packages whose versions are written."""
 
 
-class Section(NamedTuple):
-    """A part of the benchmark, measured in a process of its own."""
-
-    module: str
-    said: str
-    """Text of its progress line."""
-    limit_s: float
-    """Time after which the section is given up [s]."""
-
-
 SECTIONS = {
-    "step": Section("update", "one update beside MuJoCo's, and of 10 000 pulleys", 105.0),
-    "node": Section("roundtrip", "the node's round trip beside a bare relay's", 90.0),
-    "offline": Section("offline", "a 200 s bag beside rosbags, fits of it and of a hand", 300.0),
-    "hand": Section("hand", "a hand beside its fingers", 300.0),
+    "step": ("update", "one update beside MuJoCo's, and of 10 000 pulleys"),
+    "node": ("roundtrip", "the node's round trip beside a bare relay's"),
+    "offline": ("offline", "a 200 s bag beside rosbags, fits of it and of a hand"),
+    "hand": ("hand", "a hand beside its fingers"),
 }
+"""Modules, and texts of their progress lines."""
 
 
 def _arguments() -> argparse.Namespace:
@@ -52,39 +38,12 @@ def _arguments() -> argparse.Namespace:
         "--only", metavar="NAME,...",
         help=f"sections to measure, of {','.join(SECTIONS)}; docs/speed.md is then left alone",
     )  # fmt: skip
-    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     arguments.whole = arguments.only is None
     arguments.only = arguments.only.split(",") if arguments.only else list(SECTIONS)
     if unknown := [name for name in arguments.only if name not in SECTIONS]:
         parser.error(f"--only takes {', '.join(SECTIONS)}; got {', '.join(unknown)}")
     return arguments
-
-
-def _apart(name: str) -> list[Row]:
-    """Measure a section in a process group of its own, which is killed afterwards.
-
-    Raises:
-        RuntimeError: it failed, or took longer than its limit.
-    """
-    limit_s = SECTIONS[name].limit_s
-    command = [sys.executable, "-m", "bench", "--child", "--only", name]
-    process = subprocess.Popen(
-        command, cwd=ROOT, start_new_session=True, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    try:
-        rows, said = process.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        raise RuntimeError(f"not finished within {limit_s:g} s") from None
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    if process.returncode != 0:
-        last = said.strip().splitlines()[-1:] or ["no message"]
-        raise RuntimeError(f"exit code {process.returncode}: {last[0]}")
-    return [Row(**row) for row in json.loads(rows.splitlines()[-1])]
 
 
 def machine() -> str:
@@ -123,17 +82,14 @@ def main() -> int:
     """Run the sections; the exit code is 1 if one failed and does not depend on speed."""
     arguments = _arguments()
     isolate()
-    if arguments.child:
-        module = import_module(f"bench.{SECTIONS[arguments.only[0]].module}")
-        print(json.dumps([asdict(row) for row in module.measure()]))
-        return 0
     where, rows, failed = machine(), [], []
     for name in arguments.only:
-        print(f"{name}: {SECTIONS[name].said} ...", flush=True)
+        module, said = SECTIONS[name]
+        print(f"{name}: {said} ...", flush=True)
         try:
-            rows += _apart(name)
-        except RuntimeError as error:
-            failed.append(f"{SECTIONS[name].said}: {error}")
+            rows += import_module(f"bench.{module}").measure()
+        except (RuntimeError, OSError, ImportError, subprocess.SubprocessError) as error:
+            failed.append(f"{said}: {error}")
     text = written(rows, where, failed)
     print(text)
     if arguments.whole:
