@@ -36,7 +36,7 @@ from cdrj_ros.identification.poses import rest_poses
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Winch
 from cdrj_ros.robot.parameters import with_numbers
-from cdrj_ros.robot.reader import build_robot, load_document
+from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
 from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.assembly import Truth
@@ -70,12 +70,6 @@ POSES: Final = {"prototype": ((-0.8,), (0.8,)),
 MOVE_S, REST_S, CYCLES = 2.5, 3.0, 5
 CALLIPER_NOISE: Final = 5e-5
 EPOCH_NS: Final = 1_700_000_000_000_000_000
-
-
-def file_text(name: str, hold: bool) -> str:
-    """A shipped robot file with no statement on its accuracy but that the drums hold."""
-    text = (ROOT / "config" / "robots" / f"{name}.yaml").read_text(encoding="utf-8")
-    return with_section(text, "uncertainty", "uncertainty: {drums: hold}" if hold else None)
 
 
 def drawn(document: Any, seed: int) -> tuple[Any, list[str]]:
@@ -151,27 +145,26 @@ def _read(robot: Robot, time: Vector, joints: Vector, motors: Vector) -> Moved:
     return Moved(stamps, truth, *found)
 
 
-def recordings(robot: Robot, seed: int, cells: tuple[str, ...]) -> tuple[Recorded, ...]:
-    """In motion with efforts; the same with one cell, two cells."""
+def recordings(robot: Robot, seed: int) -> Iterator[Recorded]:
+    """In motion with efforts; the same with the load cells of the first two cables, too."""
     generator = np.random.default_rng([seed, 8])
     motion = moved(robot, seed)
     at = np.ascontiguousarray(motion.stamp_ns[::2])
     layout = prepare(robot).layout
-    efforts = {
-        f"effort/{name}": Series(
-            at, at, column[::2] + generator.normal(0.0, EFFORT_NOISE[robot.name], at.size)
-        )
+
+    def heard(column: Vector, noise: float) -> Series:
+        return Series(at, at, column[::2] + generator.normal(0.0, noise, at.size))
+
+    references = {
+        f"effort/{name}": heard(column, EFFORT_NOISE[robot.name])
         for name, column in zip(layout.motors, motion.truth.motor_effort.T, strict=True)
     }
-    found = [Recorded("motion", motion.motors, motion.joints, efforts)]
-    references = dict(efforts)
-    for k, cell in enumerate(cells):
-        column = motion.truth.tension[::2, layout.elements.index(cell)]
-        noise = generator.normal(0.0, CELL_NOISE, at.size)
-        references = {**references, f"tension/{cell}": Series(at, at, column + noise)}
-        name = f"{k + 1} cells"
-        found.append(Recorded(name, motion.motors, motion.joints, references))
-    return tuple(found)
+    yield Recorded("motion", motion.motors, motion.joints, dict(references))
+    for cable in robot.cables[:2]:
+        cell = cable.element_names[-1]
+        column = motion.truth.tension[:, layout.elements.index(cell)]
+        references[f"tension/{cell}"] = heard(column, CELL_NOISE)
+    yield Recorded("cells", motion.motors, motion.joints, references)
 
 
 def in_poses(robot: Robot) -> tuple[Recorded, Truth]:
@@ -248,22 +241,18 @@ def compared(model: Model, motion: Moved) -> Figures:
     )  # fmt: skip
 
 
-def course(name: str, seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
-    """The steps for one truth."""
-    text = file_text(name, hold)
-    document: Any = load_document(ROOT / "config" / "robots" / f"{name}.yaml")[0]
-    document = {key: value for key, value in document.items() if key != "uncertainty"}
-    truth, wrong = drawn(document, seed)
+def course(name: str, seed: int) -> Iterator[tuple[str, Figures]]:
+    """The steps for one truth, from a shipped robot file without a statement on its accuracy."""
+    source = ROOT / "config" / "robots" / f"{name}.yaml"
+    text = with_section(source.read_text(encoding="utf-8"), "uncertainty", None)
+    now = steps.begin(text, str(source))
+    truth, wrong = drawn(now.model.robot.document, seed)
     robot = build_robot(truth, "truth")
-    ends = [cable.element_names[-1] for cable in robot.cables]
-    motion, *with_cells = recordings(robot, seed, tuple(ends[:2]))
     other = moved(robot, seed + 50_000)
     generator = np.random.default_rng([seed, 9])
     poses, truth_there = in_poses(robot)
     readings = scale_read(robot, poses, truth_there, generator)
     print(f"  {seed}: {', '.join(wrong)}", flush=True)
-    source = str(ROOT / "config" / "robots" / f"{name}.yaml")
-    now = steps.begin(text, source)
     yield "fresh", compared(now.model, other)
     now = now.also(rest=poses)
     yield "tare, preloads", compared(now.also(preload=readings[:1]).model, other)
@@ -277,8 +266,7 @@ def course(name: str, seed: int, hold: bool) -> Iterator[tuple[str, Figures]]:
     }
     now = now.also(drum=drums)
     yield "+ drums", compared(now.model, other)
-    for what, recorded in (("+ efforts", motion), ("+ one cell", with_cells[0]),
-                           ("+ two cells", with_cells[1])):  # fmt: skip
+    for what, recorded in zip(("+ efforts", "+ two cells"), recordings(robot, seed), strict=True):
         yield what, compared(now.also(motion=[recorded]).model, other)
 
 
@@ -289,15 +277,11 @@ def main() -> None:
     )
     parser.add_argument("robot", choices=("prototype", "wrist"))
     parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
-    parser.add_argument("--hold", action="store_true", help="the file states that drums hold")
     arguments = parser.parse_args()
     rows: dict[str, list[Figures]] = {}
-    for seed in range(arguments.first, arguments.first + arguments.draws):
-        for what, figures in course(arguments.robot, seed, arguments.hold):
+    for seed in range(arguments.draws):
+        for what, figures in course(arguments.robot, seed):
             rows.setdefault(what, []).append(figures)
-            print(f"    {what}: " + ", ".join(f"{k} {v:.1%}" for k, v in
-                                              figures._asdict().items()), flush=True)  # fmt: skip
     print("| after | OK | within 2σ (worst) | σ/T | OK and beyond 2σ (worst) | beyond 5σ | error |")
     print("|---|---|---|---|---|---|---|")
     for what, found in rows.items():
