@@ -25,7 +25,7 @@ COMPARED = ("numpy", "rclpy", "mujoco", "rosbags", "mcap")
 
 SECTIONS = {
     "step": ("update", "one update beside MuJoCo's, and of 10 000 pulleys"),
-    "node": ("roundtrip", "the node's round trip beside a bare relay's"),
+    "node": ("roundtrip", "the node's round trip"),
     "offline": ("offline", "a 200 s bag beside rosbags, fits of it and of a hand"),
     "hand": ("hand", "a hand beside its fingers"),
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,11 +29,6 @@ def estimator_command(robot: Path) -> list[str]:
     parameters = [f"robot:={robot}", "timeout:=3600.0"]
     options = [option for one in parameters for option in ("-p", one)]
     return [str(executable), "--ros-args", "--log-level", "warn", *options]
-
-
-def relay_command(folder: Path) -> list[str]:
-    """Command line of the bare node."""
-    return [sys.executable, str(Path(__file__).with_name("node.py")), str(folder)]
 
 
 @contextmanager

@@ -1,11 +1,10 @@
-"""Round trip through the estimator node: beside a relay that does no work, and of a hand."""
+"""Round trip through the estimator node in a process of its own: of the prototype and of a hand."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,27 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from bench.figures import ROBOT, Row, alone, compared, there_and_back
+from bench.figures import ROBOT, Row, alone, there_and_back
 from bench.hand import fingers, hand_text, motion
-from bench.processes import (
-    Process,
-    estimator_command,
-    listening,
-    relay_command,
-    running,
-    spin_until,
-)
+from bench.processes import Process, estimator_command, listening, running, spin_until
 from bench.update import recorded_motion
-from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.templates import EstimateEncoder, Template
+from cdrj_ros.messages.templates import Template
 from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import Model, load_model
 
 BLOCKS = 16
-"""Measured blocks per node, after one warm-up block; the p99 of one rests on four trips."""
+"""Measured blocks, after one warm-up block; the p99 of one rests on four trips."""
 TRIPS = 400
 """Round trips per block."""
 PERIOD_NS = 1_000_000
@@ -48,6 +38,8 @@ estimator holds a reading until the next one."""
 
 Messages = Iterator[tuple[bytes, bytes]]
 """Joint and motor message of one sample."""
+Turns = tuple[np.ndarray, np.ndarray]
+"""Times of all trips [s], shape (BLOCKS, TRIPS), and share of a processor that the node used."""
 
 
 class Caller:
@@ -130,63 +122,32 @@ def messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Me
         yield joint.encode(stamp, position=moved), motor.encode(stamp, position=turned)
 
 
-def _write_answers(model: Model, folder: Path) -> None:
-    """Write one estimate as the three messages that the relay sends."""
-    reference = Sample(1, model.robot.reference_motors, model.robot.reference_pose)
-    _, estimate = step(model, initial_state(model), reference)
-    estimate = replace(estimate, stddev=np.zeros(stddev_columns(model.layout).size))
-    encoded = EstimateEncoder(model.layout, uncertain=True).encode(estimate)
-    for name, message in encoded._asdict().items():
-        (folder / name).write_bytes(message)
-
-
-@contextmanager
-def _called(nodes: Sequence[tuple[str, list[str], Messages]]) -> Iterator[list[Called]]:
-    """Nodes by namespace, command and messages, each with a caller that is connected to it."""
-    with ExitStack() as stack:
-        node, executor = stack.enter_context(listening("caller"))
-        found = [
-            Called(Caller(node, executor, name), messages, stack.enter_context(running(*command)))
-            for name, command, messages in nodes
-        ]
-        for called in found:
-            spin_until(executor, called.caller.is_connected, called.process)
+def _turns(robot: Path, model: Model, motors: Table, joints: Table, period_ns: int) -> Turns:
+    """Play readings to an estimator, one sample per period."""
+    with listening("caller") as (node, executor), running(*estimator_command(robot)) as process:
+        played = messages(model.layout, motors, joints, period_ns)
+        called = Called(Caller(node, executor, "cdrj"), played, process)
+        spin_until(executor, called.caller.is_connected, process)
         gc.collect()
         gc.disable()
-        yield found
+        turns = [called.turn(period_ns * 1e-9) for _ in range(BLOCKS + 1)][1:]
         gc.enable()
+    trips, used = zip(*turns, strict=True)
+    return np.array(trips), np.array(used) / (TRIPS * period_ns * 1e-9)
 
 
-def _turns(nodes: Sequence[Called], period_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Trips [µs], shape (nodes, BLOCKS, TRIPS), and processor time per sample [µs].
-
-    The nodes take turns, block by block, after a block of warm-up.
-    """
-    turns = [[one.turn(period_s) for one in nodes] for _ in range(BLOCKS + 1)][1:]
-    trips = np.array([[times for times, _ in block] for block in turns])
-    used = np.array([[used for _, used in block] for block in turns])
-    return np.swapaxes(trips, 0, 1) * 1e6, used.T / TRIPS * 1e6
-
-
-def _beside_relay(folder: Path) -> list[Row]:
-    """The prototype at 1 kHz."""
+def _of_prototype() -> list[Row]:
+    """The sample recording at 1 kHz."""
     model = load_model(str(ROBOT))
     read = recorded_motion(model)
     played = there_and_back(read.motor_angle), there_and_back(read.joint_angle)
-    _write_answers(model, folder)
-    nodes = [
-        (name, command, messages(model.layout, *played, PERIOD_NS))
-        for name, command in (("cdrj", estimator_command(ROBOT)), ("relay", relay_command(folder)))
+    trips, used = _turns(ROBOT, model, *played, PERIOD_NS)
+    middle, late = (np.percentile(trips, percent, axis=1) * 1e3 for percent in (50, 99))
+    return [
+        alone("prototype, 1 kHz, until tensions, p50", "ms", middle, "≤ 0.5"),
+        alone("prototype, 1 kHz, until tensions, p99", "ms", late, ""),
+        alone("prototype, 1 kHz, processor of the node", "%", used * 100.0, "≤ 40"),
     ]
-    with _called(nodes) as called:
-        (ours, theirs), used = _turns(called, PERIOD_NS * 1e-9)
-    rows = []
-    for percent, aim in ((50, "≤ 1.06"), (99, "≤ 1.12")):
-        mine, other = (np.percentile(one, percent, axis=1) for one in (ours, theirs))
-        what = f"1 kHz, until tensions, p{percent}"
-        rows.append(compared(what, "µs", mine, "bare relay", other, aim))
-    what = "processor time of the node per sample, 1 kHz"
-    return [*rows, compared(what, "µs", used[0], "bare relay", used[1], "≤ 1.08")]
 
 
 def _of_hand(folder: Path) -> list[Row]:
@@ -194,17 +155,15 @@ def _of_hand(folder: Path) -> list[Row]:
     robot, model = folder / "hand.yaml", fingers(FINGERS)
     robot.write_text(hand_text(FINGERS), encoding="utf-8")
     read = motion(model, RATE)
-    played = messages(model.layout, read.motor_angle, read.joint_angle, 10**9 // RATE)
-    with _called([("cdrj", estimator_command(robot), played)]) as called:
-        (trips,), (used,) = _turns(called, 1.0 / RATE)
-    what, middle = f"five fingers, {RATE} Hz", np.median(trips, axis=1) * 1e-3
+    trips, used = _turns(robot, model, read.motor_angle, read.joint_angle, 10**9 // RATE)
+    what, middle = f"five fingers, {RATE} Hz", np.median(trips, axis=1) * 1e3
     return [
         alone(f"{what}, until tensions, p50", "ms", middle, "≤ 3"),
-        alone(f"{what}, processor of the node", "%", used * RATE * 1e-4, "≤ 40"),
+        alone(f"{what}, processor of the node", "%", used * 100.0, "≤ 40"),
     ]
 
 
 def measure() -> list[Row]:
     """Round trips and processor time of the node."""
     with TemporaryDirectory() as folder:
-        return [*_beside_relay(Path(folder)), *_of_hand(Path(folder))]
+        return [*_of_prototype(), *_of_hand(Path(folder))]
