@@ -129,14 +129,12 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=6, help="runs of every kind (6)")
     parser.add_argument("--mixed", type=int, default=60, help="runs of mixed faults (60)")
     parser.add_argument("--only", default="", help="only kinds whose name contains this")
-    parser.add_argument("--first", type=int, default=0, help="first seed (0)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--write", action="store_true", help="write the table into the page")
     arguments = parser.parse_args()
-    seeds = range(arguments.first, arguments.first + arguments.runs)
     kinds = (*draws.SINGLE, *driver_draws.DRIVERS)
-    tasks = [(kind, seed) for kind in kinds for seed in seeds]
-    tasks += [(MIXED, arguments.first + k) for k in range(arguments.mixed)]
+    tasks = [(kind, seed) for kind in kinds for seed in range(arguments.runs)]
+    tasks += [(MIXED, seed) for seed in range(arguments.mixed)]
     tasks = [task for task in tasks if arguments.only in task[0]]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         results = list(pool.map(run, *zip(*tasks, strict=True)))

@@ -73,7 +73,6 @@ class Comparison:
     turns: int
     """Pairs of tendon and pose, left out, in which MuJoCo wraps a strand round a body that it does
     not cut, at most grazes, and so adds up to a turn to it."""
-    remarks: tuple[str, ...]
 
     @property
     def agrees(self) -> bool:
@@ -138,7 +137,6 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
     return Comparison(
         len(spatial), len(robots), len(every.document["joints"]), len(touched), length, arm, beyond,
         slope, impossible, left_out["rounding"], left_out["turns"],
-        tuple(every.remarks),
     )  # fmt: skip
 
 
@@ -336,7 +334,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--poses", type=int, default=1000)
-    parser.add_argument("--remarks", action="store_true", help="what is not represented")
     arguments = parser.parse_args()
     worst = True
     if (version := str(load_mujoco().__version__)).startswith("3."):
@@ -363,9 +360,6 @@ def main() -> int:
             + ("" if found.agrees else "  DISAGREES"),
             flush=True,
         )
-        if arguments.remarks:
-            for remark in found.remarks:
-                print(f"    {remark}")
     return 0 if worst else 1
 
 

@@ -30,29 +30,23 @@ LOOPS_FROM = 0.25
 """Share of a recording before which loops are not drawn: the friction history is not yet known."""
 
 
-def over_time(axes: Any, channel: Channel, until_s: float) -> None:
-    """Reference, and estimate with twice its standard deviation."""
+def draw(axes: Any, channel: Channel, over: str, until_s: float) -> None:
+    """Reference and estimate; over time with twice its standard deviation, else over the angle."""
     time = (channel.stamp_ns - channel.stamp_ns[0]) * 1e-9
-    kept = time <= until_s
-    time, reference, estimate = time[kept], channel.reference[kept], channel.estimate[kept]
-    if channel.stddev is not None:
+    x, kept = time, time <= until_s
+    if over == "angle":
+        x, kept = channel.angle, np.arange(time.size) >= LOOPS_FROM * time.size
+    x, reference, estimate = x[kept], channel.reference[kept], channel.estimate[kept]
+    width = 1.2 if over == "time" else 0.7
+    axes.plot(x, reference, color=MEASURED, lw=width, label="measured")
+    axes.plot(x, estimate, color=ESTIMATED, lw=0.8 * width, label="estimated")
+    if over == "time" and channel.stddev is not None:
         band = 2.0 * channel.stddev[kept]
-        axes.fill_between(time, estimate - band, estimate + band, color=ESTIMATED, alpha=0.2, lw=0)
-    axes.plot(time, reference, color=MEASURED, lw=1.2, label="measured")
-    axes.plot(time, estimate, color=ESTIMATED, lw=1.0, label="estimated, ±2σ")
-    margin = 0.35 * np.ptp(reference)
-    axes.set_ylim(reference.min() - margin, reference.max() + margin)
-
-
-def over_angle(axes: Any, channel: Channel) -> None:
-    """Reference and estimate over the angle of the nearest joint or motor."""
-    late = slice(round(LOOPS_FROM * channel.angle.size), None)
-    axes.plot(
-        channel.angle[late], channel.reference[late], color=MEASURED, lw=0.7, label="measured"
-    )
-    axes.plot(
-        channel.angle[late], channel.estimate[late], color=ESTIMATED, lw=0.7, label="estimated"
-    )
+        axes.fill_between(
+            x, estimate - band, estimate + band, color=ESTIMATED, alpha=0.2, lw=0, label="±2σ"
+        )
+        margin = 0.35 * np.ptp(reference)
+        axes.set_ylim(reference.min() - margin, reference.max() + margin)
 
 
 def main() -> None:
@@ -80,15 +74,12 @@ def main() -> None:
         channels = {channel.name: channel for channel in found.channels}
         for place, name in zip(column, names, strict=True):
             channel = channels[name]
-            if asked.over == "time":
-                over_time(place, channel, asked.until)
-            else:
-                over_angle(place, channel)
+            draw(place, channel, asked.over, asked.until)
         angle = f"{channel.angle_name} [{channel.angle_unit}]"
         column[-1].set_xlabel("time [s]" if asked.over == "time" else angle)
         column[0].set_title(Path(bag).name, fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, frameon=False, ncols=2, loc="outside lower center")
+    figure.legend(handles, labels, frameon=False, ncols=3, loc="outside lower center")
     figure.savefig(asked.out, dpi=110)
 
 

@@ -39,23 +39,8 @@ FAMILIES = {
 }  # fmt: skip
 """Definitions that share a table, by its title; a column names those that have the key."""
 
-SKIPPED = {
-    "name",
-    "ros_name",
-    "sign",
-    "point",
-    "place",
-    "vector",
-    "profile",
-    "node",
-    "any_joint",
-    "axis",
-    "node_keys",
-    "shares",
-    "part",
-    "residual",
-}
-"""Definitions of single values, of a choice between others, and those that the page describes."""
+SKIPPED = {"axis", "node", "node_keys", "shares", "part", "residual"}
+"""Definitions of parts of others, and those that the page describes."""
 
 NUMBERS = {"point": "2 numbers", "place": "2 or 3 numbers", "vector": "3 numbers"}
 """Types of definitions that are numbers."""

@@ -1,22 +1,16 @@
-"""Write docs/ros_reference.md: topics, quality of service, services and parameters of every node.
+"""Print docs/ros_reference.md: topics, quality of service, services and parameters of every node.
 
-    python tools/ros_reference.py           # print it
-    python tools/ros_reference.py --write   # renew the page
+    python tools/ros_reference.py > docs/ros_reference.md
 
 The nodes are started in this process with everything that is on request, and describe themselves.
 """
 
-import argparse
 import os
-from pathlib import Path
 
 import rclpy
 from rclpy.parameter import Parameter
 
-from cdrj_ros.foundation.files import write_text
 from cdrj_ros.messages.topics import NAMESPACE
-
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "ros_reference.md"
 
 HEAD = """\
 # Topics, services and parameters of the nodes
@@ -25,7 +19,7 @@ This page lists the topics, services and parameters of every node. Names are rel
 namespace `/cdrj`, and `~` is the node's own name. Topics are reliable and volatile, with the given
 depth, unless the table says otherwise; `estimator` also accepts best-effort publishers.
 `ros2 param describe /cdrj/estimator timeout` and `ros2 interface show cdrj_msgs/msg/CableTensions`
-print the same descriptions. `python tools/ros_reference.py --write` writes this page.
+print the same descriptions. `python tools/ros_reference.py` prints this page.
 """
 
 NOTES = {
@@ -189,22 +183,13 @@ def page():
 
 
 def main():
-    """Parse the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--write", action="store_true", help="renew the page")
-    arguments = parser.parse_args()
+    """Print the page."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init()
     try:
-        text = page()
+        print(page(), end="")
     finally:
         rclpy.try_shutdown()
-    if arguments.write:
-        write_text(PAGE, text)
-    else:
-        print(text, end="")
 
 
 if __name__ == "__main__":

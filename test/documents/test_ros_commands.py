@@ -74,7 +74,7 @@ def test_the_page_is_what_every_node_of_the_package_says():
     done = subprocess.run([sys.executable, TOOL], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == (ROOT / "docs" / "ros_reference.md").read_text(), (
-        f"python {TOOL.relative_to(ROOT)} --write"
+        f"python {TOOL.relative_to(ROOT)} > docs/ros_reference.md"
     )
     entry = (ROOT / "cdrj_ros" / "nodes" / "entry.py").read_text()
     nodes = set(re.findall(r"^(\w+) = partial\(_run", entry, re.MULTILINE)) - {"commission"}
