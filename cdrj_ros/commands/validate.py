@@ -113,7 +113,7 @@ def _tasks(arguments: argparse.Namespace, robot: Robot) -> list[BagTask]:
     # a bag has the status that the node would publish
     uncertainty = robot.uncertainty is not None or bool(arguments.write_bag)
     prefix = topic_prefix(arguments)
-    outputs = (prefix + OUTPUTS[0], prefix + OUTPUTS[1], prefix + OUTPUTS[2])
+    outputs = tuple(prefix + topic for topic in OUTPUTS)
     return [
         BagTask(
             path,

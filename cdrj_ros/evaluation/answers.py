@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass
 from time import perf_counter
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -18,17 +18,8 @@ from cdrj_ros.estimation.conditioner import TOPICS, Conditioned, Conditioner, Ki
 from cdrj_ros.estimation.estimator import Estimates, Sample, Samples
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.messages import topics
-from cdrj_ros.messages.cdr import (
-    CABLE_TENSIONS,
-    FORCE_COMPONENTS,
-    JOINT_STATE,
-    NODAL_FORCES,
-    MessageError,
-    MessageType,
-    read_layout,
-)
-from cdrj_ros.model.packing import Layout
+from cdrj_ros.messages.cdr import MessageError, read_layout
+from cdrj_ros.messages.templates import ESTIMATE_MESSAGES, EstimateMessage
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.batch import BEFORE, Batch, BulkDecoder
 
@@ -91,35 +82,6 @@ class Answers:
     shape (n,)."""
 
 
-class AnswerTopic(NamedTuple):
-    """One of the topics on which an estimator answers."""
-
-    name: str
-    message: MessageType
-    arrays: tuple[str, ...]
-    """Names of the arrays that are compared, of which the first one has standard deviations."""
-
-    def names(self, layout: Layout) -> tuple[str, ...]:
-        """Names in its messages."""
-        return {
-            topics.TENSIONS: layout.elements, topics.NODAL_FORCES: layout.pulleys,
-        }.get(self.name, layout.motors + layout.joints)  # fmt: skip
-
-    def columns(self, layout: Layout, array: str) -> slice:
-        """Place of an array in ``Estimates.values``."""
-        place: slice = getattr(layout, array)
-        return place
-
-
-ANSWER_TOPICS: Final = (
-    AnswerTopic(topics.TENSIONS, CABLE_TENSIONS, ("tension", "stddev")),
-    AnswerTopic(
-        topics.NODAL_FORCES, NODAL_FORCES, ("magnitude", "stddev", *FORCE_COMPONENTS, "friction")
-    ),
-    AnswerTopic(topics.EFFORTS, JOINT_STATE, ("effort",)),
-)
-
-
 class Run:
     """Tracks one run of the estimator: the inputs sent and the answers received."""
 
@@ -137,7 +99,7 @@ class Run:
         self._asked_s = 0.0
         self._asked: dict[int, tuple[float, tuple[float, ...]]] = {}
         """Time of asking [s], and angles of motors and joints, by stamp."""
-        self._payloads: tuple[dict[int, bytes], ...] = tuple({} for _ in ANSWER_TOPICS)
+        self._payloads: tuple[dict[int, bytes], ...] = tuple({} for _ in ESTIMATE_MESSAGES)
         """Of every topic, by stamp."""
         self._complete: dict[int, float] = {}
         """Time at which all topics had answered [s], by stamp."""
@@ -176,7 +138,7 @@ class Run:
             payloads.pop(stamp, None)
 
     def listener(self, number: int) -> Callable[[bytes], None]:
-        """Function to call with every payload received on ``ANSWER_TOPICS[number]``."""
+        """Function to call with every payload received on ``ESTIMATE_MESSAGES[number]``."""
         payloads, asked = self._payloads[number], self._asked
         from_bytes = int.from_bytes
 
@@ -200,16 +162,16 @@ class Run:
         return hear
 
     def _check_names(self, number: int, payload: bytes) -> None:
-        topic = ANSWER_TOPICS[number]
+        topic = ESTIMATE_MESSAGES[number]
         expected = topic.names(self._layout)
         try:
             names = read_layout(payload, topic.message.fields).texts["name"]
         except MessageError as error:
-            self.trouble = AnotherRobotError(f"{topic.name} cannot be read: {error}")
+            self.trouble = AnotherRobotError(f"{topic.topic} cannot be read: {error}")
             return
         if names != expected:
             self.trouble = AnotherRobotError(
-                f"the estimator is of another robot: its {topic.name} are of "
+                f"the estimator is of another robot: its {topic.topic} are of "
                 f"{_listed(names)}, expected {_listed(expected)} as in the robot file"
             )
 
@@ -239,13 +201,13 @@ class Run:
         count, motors = len(stamps), len(layout.motors)
         values = np.full((count, layout.size), np.nan)
         deviations: list[Floats] = []
-        for payloads, topic in zip(self._payloads, ANSWER_TOPICS, strict=True):
+        for payloads, topic in zip(self._payloads, ESTIMATE_MESSAGES, strict=True):
             names = topic.names(layout)
             block = _decoded([payloads[stamp] for stamp in stamps], topic, names)
             unknown = np.full((count, len(names)), np.nan)
             deviations.append(block.get("stddev", unknown))
-            for array in block.keys() - {"stddev"}:
-                values[:, topic.columns(layout, array)] = block[array]
+            for array in topic.arrays:
+                values[:, getattr(layout, array)] = block[array]
         asked_s = [self._asked[stamp][0] for stamp in stamps]
         angle = np.array([self._asked[stamp][1] for stamp in stamps])
         angle = angle.reshape(count, motors + len(layout.joints))
@@ -264,21 +226,22 @@ class Run:
 
 
 def _decoded(
-    payloads: Sequence[bytes], topic: AnswerTopic, names: tuple[str, ...]
+    payloads: Sequence[bytes], topic: EstimateMessage, names: tuple[str, ...]
 ) -> dict[str, Floats]:
     """The arrays of messages, shape (n, names) each; NaN for messages with other names."""
-    decoder = BulkDecoder(topic.message, *topic.arrays)
+    arrays = (*topic.arrays, *(("stddev",) if topic.uncertain else ()))
+    decoder = BulkDecoder(topic.message, *arrays)
     length = np.array([len(payload) for payload in payloads], np.int64)
     nothing = np.zeros(len(payloads), np.int64)
     start = BEFORE + np.cumsum(length) - length
     raw = bytes(BEFORE) + b"".join(payloads)
     batch = Batch(raw, nothing.astype(np.uint16), nothing, start, length)
     decoder.add(batch, np.arange(len(payloads)), 0)
-    block = np.full((len(topic.arrays), len(payloads), len(names)), np.nan)
+    block = np.full((len(arrays), len(payloads), len(names)), np.nan)
     if (table := decoder.tables.get(names)) is not None:
-        value = np.concatenate(table.value).reshape(-1, len(names), len(topic.arrays))
+        value = np.concatenate(table.value).reshape(-1, len(names), len(arrays))
         block[:, np.concatenate(table.arrival)] = np.moveaxis(value, 2, 0)
-    return dict(zip(topic.arrays, block, strict=True))
+    return dict(zip(arrays, block, strict=True))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -24,9 +24,8 @@ from cdrj_ros.estimation.estimator import (
 from cdrj_ros.evaluation.inputs import in_order
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.interruption import thread_pool
-from cdrj_ros.messages import topics
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
-from cdrj_ros.messages.templates import FORCES
+from cdrj_ros.messages.templates import ESTIMATE_MESSAGES
+from cdrj_ros.messages.topics import in_namespace
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording
 from cdrj_ros.recordings.source import open_source
@@ -175,11 +174,7 @@ def _joined(angles: Sequence[Angles]) -> Angles | None:
     return Angles(angles[0].names, value, stddev)
 
 
-OUTPUTS: Final = (
-    topics.in_namespace(topics.TENSIONS),
-    topics.in_namespace(topics.NODAL_FORCES),
-    topics.in_namespace(topics.EFFORTS),
-)
+OUTPUTS: Final = tuple(in_namespace(one.topic) for one in ESTIMATE_MESSAGES)
 """Topics of the estimates, as the node publishes them by default."""
 
 
@@ -188,7 +183,7 @@ def write_estimates(
     path: str,
     log_ns: NDArray[np.int64],
     pieces: Iterable[Estimates],
-    outputs: tuple[str, str, str] = OUTPUTS,
+    outputs: tuple[str, ...] = OUTPUTS,
 ) -> None:
     """Write a bag with everything in the bag at ``path``, and the estimates beside it.
 
@@ -214,7 +209,7 @@ def write_estimates(
         _write_piece(bag, piece, log_ns[done:end], outputs)
         done = end
 
-    types = (CABLE_TENSIONS.name, NODAL_FORCES.name, JOINT_STATE.name)
+    types = [one.message.name for one in ESTIMATE_MESSAGES]
     with BagWriter(out) as bag:
         kept = [name for name in open_source(path).all_channels() if name not in outputs]
         bag.copy(path, kept)
@@ -222,40 +217,18 @@ def write_estimates(
 
 
 def _write_piece(
-    bag: BagWriter, piece: Estimates, log_ns: NDArray[np.int64], outputs: tuple[str, str, str]
+    bag: BagWriter, piece: Estimates, log_ns: NDArray[np.int64], outputs: tuple[str, ...]
 ) -> None:
-    layout, values, stamps, stddev = piece.layout, piece.values, piece.stamp_ns, piece.stddev
+    layout, values = piece.layout, piece.values
     status = values[:, layout.status].astype(np.uint8)
-    tensions, forces, efforts = outputs
-    bag.write_tensions(
-        tensions,
-        stamps,
-        layout.elements,
-        values[:, layout.tension],
-        None if stddev is None else stddev[:, layout.stddev["tension"]],
-        status,
-        log_ns=log_ns,
-        frame_id=layout.base_link,
-    )
-    bag.write_nodal_forces(
-        forces,
-        stamps,
-        layout.pulleys,
-        values[:, layout.magnitude],
-        log_ns=log_ns,
-        frame_id=layout.force_frame,
-        stddev=None if stddev is None else stddev[:, layout.stddev["magnitude"]],
-        status=layout.pulley_status(status),
-        **{array: values[:, getattr(layout, array)] for array in FORCES if array != "magnitude"},
-    )
-    bag.write_joint_states(
-        efforts,
-        stamps,
-        layout.motors + layout.joints,
-        effort=values[:, layout.effort],
-        log_ns=log_ns,
-        frame_id=layout.base_link,
-    )
+    for topic, one in zip(outputs, ESTIMATE_MESSAGES, strict=True):
+        arrays = {array: values[:, getattr(layout, array)] for array in one.arrays}
+        if beside := one.beside(layout):
+            arrays["status"] = np.bitwise_or.reduce(status[:, beside], axis=-1)
+        if piece.stddev is not None and one.uncertain:
+            arrays["stddev"] = piece.stddev[:, layout.stddev[one.uncertain]]
+        names = one.names(layout)
+        bag.write(one.message, topic, piece.stamp_ns, names, arrays, log_ns, one.frame(layout))
 
 
 def log_times(recording: Recording, conditioned: Conditioned) -> NDArray[np.int64]:

@@ -261,7 +261,7 @@ class BagTask:
     preload: str | None = None
     """Preloads that replace those of the robot file."""
     window: Window = WHOLE
-    outputs: tuple[str, str, str] = OUTPUTS
+    outputs: tuple[str, ...] = OUTPUTS
     """Topics of the estimates in the written bag."""
     uncertainty: bool = False
     """Whether standard deviations are computed."""

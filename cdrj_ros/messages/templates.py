@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from cdrj_ros._core import END_OF_TIME_NS, MessageEncoder
 from cdrj_ros.estimation.estimator import Estimate
+from cdrj_ros.messages import topics
 from cdrj_ros.messages.cdr import (
     CABLE_TENSIONS,
     ENCAPSULATION,
@@ -157,6 +157,40 @@ FORCES: Final = tuple(
 )
 """Arrays that nodal forces and estimates have by the same names."""
 
+
+class EstimateMessage(NamedTuple):
+    """One of the messages with which an estimator answers."""
+
+    topic: str
+    message: MessageType
+    arrays: tuple[str, ...]
+    """Its arrays that are parts of the estimate by the same names."""
+    uncertain: str = ""
+    """Part of the estimate whose standard deviations it has; empty for none."""
+
+    def names(self, layout: Layout) -> tuple[str, ...]:
+        """Names in it."""
+        names = {CABLE_TENSIONS: layout.elements, NODAL_FORCES: layout.pulleys}
+        return names.get(self.message, layout.motors + layout.joints)
+
+    def frame(self, layout: Layout) -> str:
+        """Its ``frame_id``."""
+        return layout.force_frame if self.message is NODAL_FORCES else layout.base_link
+
+    def beside(self, layout: Layout) -> Sequence[tuple[int, int]]:
+        """Elements whose flags are united in the status of each name; none without status."""
+        if self.message is NODAL_FORCES:
+            return [(int(k), int(k) + 1) for k in layout.element_before]
+        return [(k, k) for k in range(len(self.names(layout)))] if self.uncertain else []
+
+
+ESTIMATE_MESSAGES: Final = (
+    EstimateMessage(topics.TENSIONS, CABLE_TENSIONS, ("tension",), "tension"),
+    EstimateMessage(topics.NODAL_FORCES, NODAL_FORCES, FORCES, "magnitude"),
+    EstimateMessage(topics.EFFORTS, JOINT_STATE, ("effort",)),
+)
+"""Tensions, forces on pulleys, and efforts of all motors, then all joints."""
+
 NONE_KNOWN: Final = np.empty(0)
 """Standard deviations for messages without them."""
 
@@ -194,24 +228,17 @@ class EstimateEncoder:
             uncertain: whether the messages include standard deviations.
         """
         self._layout = layout
-        axes, places = layout.motors + layout.joints, layout.stddev
+        places = layout.stddev
         self._width = max(one.stop for one in places.values()) if uncertain else 0
-        of_elements = [(k, k) for k in range(len(layout.elements))]
-        of_pulleys = [(int(k), int(k) + 1) for k in layout.element_before]
-        begins = [
-            places[part].start if uncertain else None
-            for part in ("tension", "magnitude", "motor_effort")
-        ]
-        prepare = partial(_encoder_of, layout)
-        self._tensions = prepare(
-            CABLE_TENSIONS, layout.elements, ("tension",), begins[0], beside=of_elements
+        self._tensions, self._nodal_forces, self._efforts = (
+            _encoder_of(layout, one, "stddev", one.uncertain if uncertain else "")
+            for one in ESTIMATE_MESSAGES
         )
-        self._nodal_forces = prepare(
-            NODAL_FORCES, layout.pulleys, FORCES, begins[1], beside=of_pulleys
+        efforts = ESTIMATE_MESSAGES[2]._replace(arrays=())
+        self._no_efforts = _encoder_of(layout, efforts)
+        self._efforts_stddev = _encoder_of(
+            layout, efforts, "effort", "motor_effort" if uncertain else ""
         )
-        self._efforts = prepare(JOINT_STATE, axes, ("effort",))
-        self._no_efforts = prepare(JOINT_STATE, axes)
-        self._efforts_stddev = prepare(JOINT_STATE, axes, (), begins[2], "effort")
 
     def encode(self, estimate: Estimate) -> Encoded:
         """Encode all three messages.
@@ -247,35 +274,25 @@ class EstimateEncoder:
 
 
 def _encoder_of(
-    layout: Layout,
-    message: MessageType,
-    names: tuple[str, ...],
-    values: Sequence[str] = (),
-    first_stddev: int | None = None,
-    stddev: str = "stddev",
-    beside: Sequence[tuple[int, int]] = (),
+    layout: Layout, one: EstimateMessage, stddev: str = "", uncertain: str = ""
 ) -> MessageEncoder:
     """Prepare a message of one robot.
 
     Args:
         layout: of its estimates.
-        message: its type.
-        names: its names.
-        values: its arrays that are copied from the estimate.
-        first_stddev: index of its first standard deviation; None: it has none.
-        stddev: its array that holds the standard deviations.
-        beside: for a message with status, the elements beside each of its names.
+        one: the message.
+        stddev: its array that holds standard deviations,
+        uncertain: and the part of the estimate that has them; empty: they are left out.
     """
-    uncertain = first_stddev is not None
-    arrays = (*values, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
-    frame = layout.force_frame if message is NODAL_FORCES else layout.base_link
-    blank = Template(message, names, arrays, frame)
+    names, beside = one.names(layout), one.beside(layout)
+    arrays = (*one.arrays, *(("status",) if beside else ()), *((stddev,) if uncertain else ()))
+    blank = Template(one.message, names, arrays, one.frame(layout))
     at = {array: span.offset for array, span in blank.spans.items()}
     status = layout.status.start
     return MessageEncoder(
         blank.payload,
-        values=[(at[one], getattr(layout, one).start, len(names)) for one in values],
-        stddevs=[(at[stddev], first_stddev, len(names))] if first_stddev is not None else [],
+        values=[(at[part], getattr(layout, part).start, len(names)) for part in one.arrays],
+        stddevs=[(at[stddev], layout.stddev[uncertain].start, len(names))] if uncertain else [],
         flags=[
             (at["status"] + k, status + before, status + after)
             for k, (before, after) in enumerate(beside)

@@ -16,9 +16,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from cdrj_ros.estimation.conditioner import MODES
-from cdrj_ros.evaluation.answers import ANSWER_TOPICS, Run
+from cdrj_ros.evaluation.answers import Run
 from cdrj_ros.evaluation.replayed import NodeSettings
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.messages.templates import ESTIMATE_MESSAGES
 from cdrj_ros.messages.topics import CLOCK, FEW, JOINT_STATES, MOTOR_STATES, NAMESPACE
 from cdrj_ros.nodes.settings import default_profile, publishing_nodes
 from cdrj_ros.recordings.recording import Topics
@@ -48,11 +49,11 @@ class ReplayNode(Node):
         self.motors = self.create_publisher(JointState, MOTOR_STATES, qos)
         self.joints = self.create_publisher(JointState, JOINT_STATES, qos)
         self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
-        self.outputs = tuple(self.resolve_topic_name(topic.name) for topic in ANSWER_TOPICS)
-        self._listeners: list[Callable[[bytes], None]] = [_ignore] * len(ANSWER_TOPICS)
+        self.outputs = tuple(self.resolve_topic_name(one.topic) for one in ESTIMATE_MESSAGES)
+        self._listeners: list[Callable[[bytes], None]] = [_ignore] * len(ESTIMATE_MESSAGES)
         for number, message in enumerate((CableTensions, NodalForces, JointState)):
             self.create_subscription(
-                message, ANSWER_TOPICS[number].name, self._listener(number), qos, raw=True
+                message, ESTIMATE_MESSAGES[number].topic, self._listener(number), qos, raw=True
             )
         self.clock = self.create_publisher(Clock, CLOCK, FEW) if clock_hz > 0 else None
         self.estimator = self.resolve_service_name("estimator")
@@ -70,7 +71,7 @@ class ReplayNode(Node):
 
     def listen(self, run: Run | None) -> None:
         """Pass the estimator's outputs to this run from now on."""
-        for number in range(len(ANSWER_TOPICS)):
+        for number in range(len(ESTIMATE_MESSAGES)):
             self._listeners[number] = run.listener(number) if run else _ignore
 
     def missing(self) -> list[str]:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.files import write_text
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, MESSAGE_TYPES, NODAL_FORCES
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES, MessageType
 from cdrj_ros.messages.templates import Template
 from cdrj_ros.recordings.batch import Channel, Int64s, require_cdr
 from cdrj_ros.recordings.definitions import (
@@ -27,7 +27,6 @@ from cdrj_ros.recordings.definitions import (
     channel_metadata,
     message_type,
     own_definition,
-    parse_definition,
 )
 from cdrj_ros.recordings.source import open_source, read_messages
 
@@ -99,7 +98,7 @@ class BagWriter:
     ) -> None:
         """Add sensor_msgs/JointState; stamps (n,), arrays (n, len(names)) or None for empty."""
         arrays = {"position": position, "velocity": velocity, "effort": effort}
-        self._write(JOINT_STATE.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
+        self.write(JOINT_STATE, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
     def write_tensions(
         self,
@@ -119,7 +118,7 @@ class BagWriter:
         """
         status = np.zeros(np.shape(tension), np.uint8) if status is None else status
         arrays = {"tension": tension, "stddev": stddev, "status": status}
-        self._write(CABLE_TENSIONS.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
+        self.write(CABLE_TENSIONS, topic, stamp_ns, names, arrays, log_ns, frame_id)
 
     def write_nodal_forces(
         self,
@@ -142,7 +141,41 @@ class BagWriter:
             **others,
             "magnitude": magnitude,
         }
-        self._write(NODAL_FORCES.name, topic, stamp_ns, names, arrays, log_ns, frame_id)
+        self.write(NODAL_FORCES, topic, stamp_ns, names, arrays, log_ns, frame_id)
+
+    def write(
+        self,
+        message: MessageType,
+        topic: str,
+        stamp_ns: ArrayLike,
+        names: Sequence[str],
+        arrays: Mapping[str, ArrayLike | None],
+        log_ns: ArrayLike | None,
+        frame_id: str,
+    ) -> None:
+        """Add messages of one of our types; stamps (n,), arrays (n, len(names)) by name.
+
+        An array of None is written as empty (unknown).
+        """
+        self._declare_own(topic, message.name)
+        stamps = np.array(stamp_ns, np.int64)
+        times = stamps if log_ns is None else np.array(log_ns, np.int64)
+        given = {name: np.array(a) for name, a in arrays.items() if a is not None}
+        if unknown := set(given) - {field.name for field in message.fields}:
+            raise BagError(f"{topic}: {message.name} has no {', '.join(sorted(unknown))}")
+        shape = (*stamps.shape, len(names))
+        wrong = {name: a.shape for name, a in given.items() if a.shape != shape}
+        if stamps.ndim != 1 or times.shape != stamps.shape or wrong:
+            raise BagError(
+                f"{topic}: {stamps.shape} stamps, {times.shape} log times and {len(names)} names "
+                f"take arrays of shape {shape}, got {wrong}"
+            )
+        if (times[1:] < times[:-1]).any():
+            order = np.argsort(times, kind="stable")
+            times, stamps = times[order], stamps[order]
+            given = {name: values[order] for name, values in given.items()}
+        template = Template(message, names, list(given), frame_id=frame_id)
+        self._queue.append(_encoded(topic, times, stamps, template, given))
 
     def copy(self, path: Path | str, topic_names: Collection[str] | None = None) -> None:
         """Copy the messages of these topics (None: all) from another bag, unchanged.
@@ -172,7 +205,7 @@ class BagWriter:
             msgtype: one of the types that this package writes.
             messages: log times [ns], never decreasing, and payloads in CDR.
         """
-        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", own_definition(msgtype).text))
+        self._declare_own(topic, msgtype)
         self._queue.append((log_ns, topic, data) for log_ns, data in messages)
 
     def write_pieces(
@@ -192,8 +225,7 @@ class BagWriter:
             write: calls the `write_…` for one of them.
         """
         for topic, msgtype in topics.items():
-            definition = own_definition(msgtype).text
-            self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
+            self._declare_own(topic, msgtype)
 
         def parts() -> Iterator[Queued]:
             for piece in pieces:
@@ -260,37 +292,9 @@ class BagWriter:
             numbers[topic] = writer.register_channel(topic, "cdr", schemas[key], metadata)
         return numbers
 
-    def _write(
-        self,
-        msgtype: str,
-        topic: str,
-        stamp_ns: ArrayLike,
-        names: Sequence[str],
-        arrays: Mapping[str, ArrayLike | None],
-        log_ns: ArrayLike | None,
-        frame_id: str,
-    ) -> None:
-        definition = own_definition(msgtype).text
-        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", definition))
-        stamps = np.array(stamp_ns, np.int64)
-        times = stamps if log_ns is None else np.array(log_ns, np.int64)
-        given = {name: np.array(a) for name, a in arrays.items() if a is not None}
-        if unknown := set(given) - {field.name for field in MESSAGE_TYPES[msgtype].fields}:
-            raise BagError(f"{topic}: {msgtype} has no {', '.join(sorted(unknown))}")
-        shape = (*stamps.shape, len(names))
-        wrong = {name: a.shape for name, a in given.items() if a.shape != shape}
-        if stamps.ndim != 1 or times.shape != stamps.shape or wrong:
-            raise BagError(
-                f"{topic}: {stamps.shape} stamps, {times.shape} log times and {len(names)} names "
-                f"take arrays of shape {shape}, got {wrong}"
-            )
-        if (times[1:] < times[:-1]).any():
-            order = np.argsort(times, kind="stable")
-            times, stamps = times[order], stamps[order]
-            given = {name: values[order] for name, values in given.items()}
-        message = parse_definition(msgtype, definition)
-        template = Template(message, names, list(given), frame_id=frame_id)
-        self._queue.append(_encoded(topic, times, stamps, template, given))
+    def _declare_own(self, topic: str, msgtype: str) -> None:
+        """Declare a topic of one of our types."""
+        self._declare(Channel(topic, msgtype, "cdr", "ros2msg", own_definition(msgtype).text))
 
     def _declare(self, wanted: Channel) -> None:
         """Declare a topic; a known topic must keep its type and fields (comments may differ)."""

@@ -120,7 +120,7 @@ def test_values_come_back_as_they_were_sent(bench):
         bench.answer(k)
     answers = bench.run.finish()
     layout, sent = bench.model.layout, bench._estimate.values
-    answered = ("tension", "force_x", "force_y", "force_z", "magnitude", "friction",
+    answered = ("tension", "force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed",
                 "motor_effort", "joint_effort")  # fmt: skip
     places = np.concatenate([np.arange(layout.size)[getattr(layout, name)] for name in answered])
     expected = np.full(layout.size, np.nan)
