@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench.figures import ROOT, Row
-from bench.processes import isolate
+from bench.roundtrip import isolate
 from cdrj_ros.foundation.files import write_text
 
 PAGE = ROOT / "docs" / "speed.md"

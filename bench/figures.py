@@ -36,12 +36,9 @@ class Row:
     @property
     def missed(self) -> bool:
         """Whether the median misses the aim; False if the aim is not a number."""
-        found = re.match(r"([<≤≥]) ([0-9.]+)", self.aim)
-        if not found:
-            return False
+        found = re.match(r"[<≤] ([0-9.]+)", self.aim)
         value = self.ours if self.ratio is None else self.ratio
-        bound = float(found[2])
-        return value < bound if found[1] == "≥" else value > bound
+        return found is not None and value > float(found[1])
 
     def line(self) -> str:
         """The row in Markdown."""

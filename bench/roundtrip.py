@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any
 
 import numpy as np
 
 from bench.figures import ROBOT, Row, alone, there_and_back
 from bench.hand import fingers, hand_text, motion
-from bench.processes import Process, estimator_command, listening, running, spin_until
 from bench.update import recorded_motion
 from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.messages.cdr import JOINT_STATE
@@ -36,10 +39,80 @@ HELD_S = 0.05
 """Longest wait for an answer [s]: where the recording is thrown back its speed leaps, and the
 estimator holds a reading until the next one."""
 
+PATIENCE_S = 60.0
+"""Longest wait for a node [s]."""
+
+Process = subprocess.Popen[bytes]
 Messages = Iterator[tuple[bytes, bytes]]
 """Joint and motor message of one sample."""
 Turns = tuple[np.ndarray, np.ndarray]
 """Times of all trips [s], shape (BLOCKS, TRIPS), and share of a processor that the node used."""
+
+
+def isolate() -> None:
+    """Give this process and its children a ROS domain of their own on this machine."""
+    os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+def estimator_command(robot: Path) -> list[str]:
+    """Command line of the installed estimator; its timeout is long, so it never turns stale."""
+    from ament_index_python.packages import get_package_prefix
+
+    executable = Path(get_package_prefix("cdrj_ros"), "lib", "cdrj_ros", "estimator")
+    parameters = [f"robot:={robot}", "timeout:=3600.0"]
+    options = [option for one in parameters for option in ("-p", one)]
+    return [str(executable), "--ros-args", "--log-level", "warn", *options]
+
+
+@contextmanager
+def running(*command: str) -> Iterator[Process]:
+    """Run a node while the body runs, then interrupt it; kill it only if it does not end."""
+    process = subprocess.Popen(command)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def listening(name: str) -> Iterator[tuple[Any, Any]]:
+    """Create a node in this process and the executor that spins it."""
+    import rclpy
+    from rclpy.experimental import EventsExecutor
+    from rclpy.node import Node
+
+    rclpy.init(args=[])
+    node = Node(name)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        yield node, executor
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def spin_until(executor: Any, condition: Callable[[], bool], process: Process) -> None:
+    """Spin until a condition holds.
+
+    Raises:
+        RuntimeError: it does not hold within ``PATIENCE_S``, or the process has ended.
+    """
+    deadline = monotonic() + PATIENCE_S
+    while not condition():
+        executor.spin_once(timeout_sec=0.002)
+        if process.poll() is not None:
+            raise RuntimeError(f"a node ended early, exit code {process.returncode}")
+        if monotonic() > deadline:
+            raise RuntimeError(f"a node did not answer within {PATIENCE_S:g} s")
 
 
 class Caller:
@@ -52,15 +125,20 @@ class Caller:
         from sensor_msgs.msg import JointState
 
         self.executor, self.answers, self._answered_s = executor, 0, 0.0
+        self.last_ns = self.backwards = 0
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self._joints, self.motors = (
             node.create_publisher(JointState, f"/{namespace}/{topic}", qos)
             for topic in ("joint_states", "motor_states")
         )
 
-        def on_tensions(_payload: bytes) -> None:
+        def on_tensions(payload: bytes) -> None:
             self._answered_s = perf_counter()
             self.answers += 1
+            seconds, part_ns = (int.from_bytes(payload[k : k + 4], "little") for k in (4, 8))
+            stamp_ns = seconds * 10**9 + part_ns
+            self.backwards += stamp_ns <= self.last_ns
+            self.last_ns = stamp_ns
 
         def on_others(_payload: bytes) -> None:
             """Only take them, as a user would."""

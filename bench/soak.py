@@ -20,8 +20,17 @@ import numpy as np
 import psutil
 
 from bench.figures import ROBOT
-from bench.processes import estimator_command, isolate, listening, running, spin_until
-from bench.roundtrip import PERIOD_NS, Called, Caller, messages
+from bench.roundtrip import (
+    PERIOD_NS,
+    Called,
+    Caller,
+    estimator_command,
+    isolate,
+    listening,
+    messages,
+    running,
+    spin_until,
+)  # fmt: skip
 from cdrj_ros.foundation.output import say
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
@@ -37,30 +46,17 @@ SWING = 0.3 * np.sin(2.0 * np.pi * np.arange(7000) / 7000.0)[:, None]
 """Angles of the joint, again and again [rad]; the winch turns by 0.12 m over 15 mm per radian."""
 
 
-class Witness:
-    """Hears the stamps of the answers and the counters of the estimator."""
+def diagnoses(node: Any) -> list[dict[str, str]]:
+    """The values of all diagnostics from now on."""
+    from diagnostic_msgs.msg import DiagnosticArray
 
-    def __init__(self, node: Any) -> None:
-        """Subscribe."""
-        from cdrj_msgs.msg import CableTensions
-        from diagnostic_msgs.msg import DiagnosticArray
+    heard: list[dict[str, str]] = []
 
-        self.answered, self.last_ns, self.backwards = 0, 0, 0
-        self.counters: dict[str, str] = {}
-        self.diagnosed = 0
-        node.create_subscription(CableTensions, "/cdrj/tensions", self._on_answer, 2000, raw=True)
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+    def on_diagnostics(message: Any) -> None:
+        heard.append({value.key: value.value for value in message.status[0].values})
 
-    def _on_answer(self, payload: bytes) -> None:
-        stamp = int.from_bytes(payload[4:8], "little") * 10**9
-        stamp += int.from_bytes(payload[8:12], "little")
-        self.backwards += stamp <= self.last_ns
-        self.last_ns = stamp
-        self.answered += 1
-
-    def _on_diagnostics(self, message: Any) -> None:
-        self.counters = {value.key: value.value for value in message.status[0].values}
-        self.diagnosed += 1
+    node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    return heard
 
 
 def hostile(stamp_ns: int) -> list[bytes]:
@@ -75,7 +71,7 @@ def hostile(stamp_ns: int) -> list[bytes]:
     ]
 
 
-def fed(called: Called, witness: Witness, minutes: float) -> Iterator[str]:
+def fed(called: Called, heard: list[dict[str, str]], minutes: float) -> Iterator[str]:
     """Send everything and print the memory; yields what violates a bound."""
     caller, samples, refused = called.caller, round(minutes * 60e9 / PERIOD_NS), 0
     resident: list[float] = []
@@ -93,12 +89,12 @@ def fed(called: Called, witness: Witness, minutes: float) -> Iterator[str]:
             resident.append(psutil.Process(called.process.pid).memory_info().rss / 1e6)
             memory = f"{resident[-1]:.1f} MB resident"
             say(f"{k} sent, {caller.answers} answered, {memory}", flush=True)
-    spin_until(caller.executor, lambda: witness.answered >= samples, called.process)
-    seen = witness.diagnosed
-    spin_until(caller.executor, lambda: witness.diagnosed >= seen + 2, called.process)
-    if witness.backwards:
-        yield f"{witness.backwards} answers were not later than the one before"
-    counted = {key: int(n) for key, n in witness.counters.items() if n.isdigit()}
+    spin_until(caller.executor, lambda: caller.answers >= samples, called.process)
+    seen = len(heard)
+    spin_until(caller.executor, lambda: len(heard) >= seen + 2, called.process)
+    if caller.backwards:
+        yield f"{caller.backwards} answers were not later than the one before"
+    counted = {key: int(n) for key, n in heard[-1].items() if n.isdigit()}
     accepted = counted.get("readings accepted", 0)
     turned_down = sum(n for key, n in counted.items() if key.startswith("refused: "))
     say(f"{accepted} of {2 * samples} accepted, {turned_down} of {refused} hostile refused")
@@ -119,12 +115,12 @@ def main() -> int:
         running(*estimator_command(ROBOT)) as process,
         listening("soak") as (node, executor),
     ):
-        caller, witness = Caller(node, executor, "cdrj"), Witness(node)
+        caller, heard = Caller(node, executor, "cdrj"), diagnoses(node)
         called = Called(caller, messages(layout, 8.0 * SWING, SWING, PERIOD_NS), process)
         try:
             spin_until(executor, caller.is_connected, process)
-            spin_until(executor, lambda: witness.diagnosed > 0, process)
-            violated = list(fed(called, witness, minutes))
+            spin_until(executor, lambda: bool(heard), process)
+            violated = list(fed(called, heard, minutes))
         except RuntimeError as error:
             violated = [f"{error}; {caller.answers} answered"]
         except KeyboardInterrupt:
