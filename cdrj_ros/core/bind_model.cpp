@@ -155,6 +155,10 @@ HeldState run(
             !flags || flags->has({robot.topology.sizes.cables}),
             "slipping or chosen is not by cables");
     }
+    require(
+        !chosen || robot.topology.sizes.residuals == 0 ||
+            std::ranges::all_of(span_of(*chosen), [](bool one) { return one; }),
+        "learned corrections are of all cables");
     const Paths& paths = *robot.topology.paths;
     const CableSet some = chosen ? paths.some(span_of(*chosen)) : paths.all;
     require(
@@ -376,7 +380,7 @@ void bind_robot(nb::module_& core) {
                 estimates: shape (samples, estimate_size), written.
                 slipping: which cables slip on their drums, shape (cables,); None: none.
                 chosen: which cables are computed, shape (cables,), the tensions of the others and
-                    their shares of efforts are 0; None: all.
+                    their shares of efforts are 0; None: all, as with learned corrections.
 
             Returns:
                 The state after the last sample.

@@ -2,21 +2,101 @@
 //
 // beta: wrap angle [rad], v: slip speed [m/s], eta = T_hold / T_pull: transmission in (0, 1],
 // g: largest difference T_pull - T_hold that friction can carry [N]. docs/model.md, section 4.
-// How it follows the slip: one file per law, chosen by two functions; `euler` and `steady` of a robot file
-// are `elastoplastic` with constants of their own, see `cdrj_ros.robot.description`.
+// How it follows the slip is chosen by two functions; `euler` and `steady` of a robot file are
+// `elastoplastic` with constants of their own, see `cdrj_ros.robot.description`.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 
-#include "law_elastoplastic.hpp"
-#include "law_lugre.hpp"
 #include "robot_records.hpp"
 
 namespace cdrj {
 
-// A new law adds a file, its name here, and a line in both functions.
+/// A contact whose bristles have carried a force.
+struct Bristles {
+    double before;     // bristle force sigma0 z before the slip [N]
+    double stiffness;  // sigma0 [N/m]
+    double bound;      // g: largest force that friction can carry [N], positive
+    double breakaway;  // fraction of the bound up to which pre-sliding is elastic, in [0, 1]
+};
+
+/// A friction force and its derivatives.
+struct Friction {
+    double force;     // [N]
+    double by_slip;   // derivative by the slip [N/m]
+    double by_bound;  // derivative by the bound [-]
+};
+
+/// The elastoplastic law (E9) (Dupont, Hayward, Armstrong, Altpeter 2002).
+///
+/// It keeps df/dx = sigma0 up to `breakaway` * g and closes the rest exponentially, continuous in slope;
+/// with breakaway = 1 it is an elastic, perfectly plastic contact whose minor loops close exactly.
+inline Friction elastoplastic_force(const Bristles& bristles, double slip) {
+    const auto [before, stiffness, bound, breakaway] = bristles;
+    const double sign = slip >= 0.0 ? 1.0 : -1.0;
+    const double x = sign * slip;
+    double f = sign * before;  // mirrored so that the slip is forward
+    double elastic_by_bound = 0.0;
+    if (f < -bound) {  // the bound has shrunk below the stored force: bristles let go first
+        f = -bound;
+        elastic_by_bound = -1.0;
+    }
+    const double knee = breakaway * bound;
+    const double trial = f + stiffness * x;
+    if (trial <= knee) return {sign * trial, stiffness, sign * elastic_by_bound};
+    if (f >= bound || breakaway >= 1.0) return {sign * bound, 0.0, sign};
+    const double reach = (1.0 - breakaway) * bound / stiffness;
+    if (f >= knee) {
+        const double decay = std::exp(-x / reach);
+        const double gap = bound - f;
+        const double by_bound = 1.0 - decay - gap * decay * x / (reach * bound);
+        return {sign * (bound - gap * decay), gap * decay / reach, sign * by_bound};
+    }
+    const double plastic = x - (knee - f) / stiffness;
+    const double decay = std::exp(-plastic / reach);
+    const double force = bound - (bound - knee) * decay;
+    const double by_bound = 1.0 - decay * (1.0 - elastic_by_bound + stiffness * plastic / bound);
+    return {sign * force, stiffness * decay, sign * by_bound};
+}
+
+/// The elastic range lies between sliding forward and sliding back. A step across all of it would
+/// switch the friction from one bound to the other, and the next step would switch it back; such a
+/// step ends where the bristle force is zero.
+inline bool shorten_elastoplastic(const Bristles& bristles, double slip, double& next) {
+    const auto [stored, stiffness, bound, breakaway] = bristles;
+    const double before = std::clamp(stored, -bound, bound);
+    const double was = before + stiffness * slip, is = before + stiffness * next;
+    if (!((was > bound && is < -bound) || (was < -bound && is > bound))) return false;
+    next = -before / stiffness;
+    return true;
+}
+
+/// LuGre (33).
+///
+/// Without viscous terms it is df/dx = sigma0 (1 - sgn(x) f / g), so over a slip x the distance to the
+/// bound shrinks by exp(-sigma0 |x| / g).
+inline Friction lugre_force(const Bristles& bristles, double slip) {
+    const auto [before, stiffness, bound, breakaway] = bristles;
+    const double sign = slip >= 0.0 ? 1.0 : -1.0;
+    const double x = sign * slip;
+    const double f = sign * before;  // mirrored so that the slip is forward
+    const double decay = std::exp(-stiffness * x / bound);
+    const double force = bound + (f - bound) * decay;
+    const double by_slip = -(f - bound) * decay * stiffness / bound;
+    const double by_bound = 1.0 - decay + (f - bound) * decay * stiffness * x / (bound * bound);
+    return {sign * force, by_slip, sign * by_bound};
+}
+
+/// The slope jumps where the slip reverses.
+inline bool shorten_lugre(const Bristles&, double slip, double& next) {
+    if (!(slip * next < 0.0)) return false;
+    next *= 0.3;
+    return true;
+}
+
+// A new law adds two functions above, its name here, and a line in both functions below.
 
 enum class Law : std::int64_t { none, euler, steady, lugre, elastoplastic };
 

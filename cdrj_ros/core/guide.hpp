@@ -1,4 +1,4 @@
-// What guides a cable in space: a small interface, one file per kind.
+// What guides a cable in space: a small interface; its kinds are in guides.cpp.
 //
 // All vectors are in the guide's own axes: z is the axis of a round body and the origin its centre.
 // `touch.before` is the point a from which the cable comes, `touch.after` the point b to which it
@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 #include "robot_records.hpp"
 
@@ -58,23 +59,10 @@ struct GuideKind {
     bool fixed() const { return meet == nullptr; }
 };
 
-/// An eyelet or a sheath: the cable passes at points of its frame, which never move in it.
-extern const GuideKind POINT, SHEATH;
-/// A pulley with a groove, a pulley that swivels about the entering cable, bodies on which cable lies.
-extern const GuideKind PULLEY, SWIVEL, CYLINDER, SPHERE;
+/// By the code of the guide. A new kind adds its name above, and its functions and a line in guides.cpp.
+extern const GuideKind GUIDE_KINDS[];
 
-/// A new kind adds its name above, a file and a line here.
-inline const GuideKind& kind_of(Guide guide) {
-    switch (guide) {
-        case Guide::point: return POINT;
-        case Guide::pulley: return PULLEY;
-        case Guide::swivel: return SWIVEL;
-        case Guide::cylinder: return CYLINDER;
-        case Guide::sphere: return SPHERE;
-        case Guide::sheath: return SHEATH;
-    }
-    return POINT;
-}
+inline const GuideKind& kind_of(Guide guide) { return GUIDE_KINDS[static_cast<std::size_t>(guide)]; }
 
 /// Distance below the radius at which a point still counts as on the rim, over the radius [-].
 ///

@@ -1,5 +1,4 @@
-// The laws of a cable's material: elasticity (E1), (E21), (E22), and creep (E24), and what the laws of its
-// friction share: contacts as bristles that carry a force. docs/model.md, sections 2 and 4.
+// The laws of a cable's material: elasticity (E1), (E21), (E22), and creep (E24). docs/model.md, section 2.
 #pragma once
 
 #include <algorithm>
@@ -79,20 +78,5 @@ inline Crept crept(const Creep& law, double strain, double delayed, double dt) {
         (1.0 + strain) / (1.0 + after * std::exp(-dt / law.flow_time)),
     };
 }
-
-/// A contact whose bristles have carried a force.
-struct Bristles {
-    double before;     // bristle force sigma0 z before the slip [N]
-    double stiffness;  // sigma0 [N/m]
-    double bound;      // g: largest force that friction can carry [N], positive
-    double breakaway;  // fraction of the bound up to which pre-sliding is elastic, in [0, 1]
-};
-
-/// A friction force and its derivatives.
-struct Friction {
-    double force;     // [N]
-    double by_slip;   // derivative by the slip [N/m]
-    double by_bound;  // derivative by the bound [-]
-};
 
 }  // namespace cdrj

@@ -17,7 +17,7 @@ from cdrj_ros.robot.space import Frame, Place, Visual
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """The constants of a law, which is in ``core/law_*.hpp``, that have an effect."""
+    """The constants of a law, which is in ``core/friction.hpp``, that have an effect."""
 
     sliding: bool = True
     """Sliding friction ``mu_c``; without it there is no friction at all."""

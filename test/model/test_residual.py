@@ -172,3 +172,11 @@ def test_a_joint_without_encoder_excludes_corrections():
     text = TEXT.replace("  - name: jaw", "  - name: jaw\n    measured: false")
     with pytest.raises(RobotFileError, match="residual is not possible"):
         model_of(block("effort/spindle"), text=text)
+
+
+def test_a_correction_is_one_of_all_cables():
+    every = np.ones(len(BOTH.robot.cables), np.bool_)
+    with pytest.raises(ValueError, match="of all cables"):
+        run(BOTH, initial_state(BOTH), MOTION, chosen=~every)
+    found = run(BOTH, initial_state(BOTH), MOTION, chosen=every)[1]
+    np.testing.assert_array_equal(found.values, estimates_of(BOTH).values)
