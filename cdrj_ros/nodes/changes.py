@@ -2,46 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
 from cdrj_msgs.srv import SetPreload
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from cdrj_ros.estimation.changes import preloads_of
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.output import counted
-from cdrj_ros.nodes.inputs import InputWatch
-from cdrj_ros.nodes.parameters import apply_changes, in_force, meant, settings
-from cdrj_ros.nodes.silence import StampClock
-from cdrj_ros.nodes.spinning import CheckedClock, starting
+from cdrj_ros.nodes.parameters import FRICTION, TRACKING, UNSET, bandwidth, settings
+from cdrj_ros.nodes.settings import as_double
+from cdrj_ros.nodes.spinning import starting
+from cdrj_ros.robot.parameters import number_at
+
+if TYPE_CHECKING:
+    from cdrj_ros.nodes.estimation import Estimation
 
 SIMULATED: Final = "use_sim_time"
-
-
-class Changeable(Protocol):
-    """What changes use of an ``Estimation``."""
-
-    node: CheckedClock
-    live: LiveEstimator
-    watch: InputWatch
-    stamps: StampClock
-    timeout_s: float
-
-    @property
-    def configured(self) -> bool:
-        """Whether the robot is loaded."""
-
-    def forget(self) -> None:
-        """Republish the last estimate as STALE, then discard it."""
 
 
 class Changes:
     """Changes of a running estimation; a refused one changes nothing and says why."""
 
-    def __init__(self, estimation: Changeable) -> None:
+    def __init__(self, estimation: Estimation) -> None:
         """Take changes of the node's parameters from now on; ``offer_services`` follows."""
         self._of, self._node = estimation, estimation.node
         self._showing = False
@@ -159,3 +147,89 @@ def _preloads(request: SetPreload.Request) -> dict[str, float]:
     if len(set(request.cable)) != len(request.cable):
         raise UsageError("a cable is named twice")
     return dict(zip(request.cable, request.preload, strict=True))
+
+
+def in_force(live: LiveEstimator) -> list[Parameter]:
+    """Current values of the parameters that services and the state file can change."""
+    robot = live.model.robot
+    document = dict(robot.document)
+    return [
+        Parameter("preload", value=[float(cable.preload) for cable in robot.cables]),
+        *(
+            Parameter(name, value=float(number_at(document, name)))
+            for name in (f"friction.{key}" for key in FRICTION)
+        ),
+    ]
+
+
+def meant(live: LiveEstimator | None, changes: Sequence[Parameter]) -> list[Parameter]:
+    """The changes with the values that they stand for.
+
+    Integers become doubles. ``UNSET`` of ``friction.*`` becomes the robot file's value, so that the
+    parameter shows the value in use; not without an estimator.
+    """
+    defaults = {one.name: one.default for one in settings()}
+    found = []
+    for change in changes:
+        one = as_double(change, defaults.get(change.name))
+        unset = one.name in defaults and one.name.startswith("friction.") and one.value == UNSET
+        if live is not None and unset:
+            document = dict(live.started.robot.document)
+            one = Parameter(one.name, value=float(number_at(document, one.name)))
+        found.append(one)
+    return found
+
+
+def apply_changes(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
+    """Apply all changes of parameters to a running estimator, or none of them.
+
+    Returns:
+        A description of the changes; empty if none concerns the estimator.
+
+    Raises:
+        CdrjError: a change is invalid; no change has been applied then.
+    """
+    given = {change.name: change.value for change in changes}
+    friction = {name: float(given[name]) for name in given if name.startswith("friction.")}
+    options = replace(
+        live.options,
+        unsure_share=float(given.get("unsure_share", live.options.unsure_share)),
+        tracking=bandwidth(float(given[TRACKING])) if TRACKING in given else live.options.tracking,
+    )
+    preload = _by_cable(live, given["preload"]) if "preload" in given else {}
+    if preload:
+        preloads_of(live.model, preload)  # refuses before anything has changed
+    words = []
+    before = live.model
+    if friction:
+        words.append(live.set_numbers(friction))
+    if preload:
+        try:
+            words.append(live.set_preload(preload))
+        except CdrjError:
+            if friction:
+                live.use(before)
+            raise
+    if "unsure_share" in given:
+        live.set_unsure_share(options.unsure_share)
+        words.append(f"unsure_share = {options.unsure_share:g}")
+    if TRACKING in given:
+        live.set_tracking(options.tracking)
+        words.append(f"{TRACKING} = {given[TRACKING]:g}")
+    return "; ".join(words)
+
+
+def _by_cable(live: LiveEstimator, given: Sequence[float] | None) -> dict[str, float]:
+    """Preloads by cable [N].
+
+    Raises:
+        UsageError: there is not one for each.
+    """
+    if given is None:
+        raise UsageError("preload cannot be unset while running")
+    cables = [cable.name for cable in live.model.robot.cables]
+    if len(given) != len(cables):
+        raise UsageError(
+            f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(given)}"
+        )
+    return dict(zip(cables, given, strict=True))

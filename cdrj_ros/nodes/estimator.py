@@ -4,29 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.utilities import remove_ros_args
+from rclpy.node import Node
 
-from cdrj_ros.commands.entry import DONE, run_command
+from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.estimation import Estimation
 from cdrj_ros.nodes.parameters import estimator_file, settings
-from cdrj_ros.nodes.settings import refuse_unknown_parameters
-from cdrj_ros.nodes.spinning import (
-    CheckedClock,
-    OneLineParser,
-    StopRequest,
-    add_node_options,
-    exit_code,
-    ros_context,
-    spin_until_stopped,
-    starting,
-)
+from cdrj_ros.nodes.spinning import CheckedClock, run_node, starting
 
 SUCCESS: Final = TransitionCallbackReturn.SUCCESS
 
@@ -106,34 +96,7 @@ class ManagedEstimator(CheckedClock, LifecycleNode):
         return SUCCESS
 
 
-def spin_managed(state_file: Path | None, stop: StopRequest) -> None:
-    """Run a managed estimator until ``stop`` is set; arguments as of ``spin_until_stopped``."""
-    with starting():
-        node = ManagedEstimator(state_file)
-
-    def survives(error: RuntimeError) -> bool:
-        """Go on after a request for a transition that the present state does not have.
-
-        rclpy raises where such a request gives the transition's number, and does not answer.
-        """
-        known = "Transition is not registered" in str(error)
-        if known:
-            node.get_logger().error(f"{node.estimation.state}: {error}")
-        return known
-
-    spin_until_stopped(node, stop, node.estimation.write_state, survives)
-
-
-def _arguments(arguments: list[str]) -> argparse.Namespace:
-    parser = OneLineParser(
-        prog="estimator",
-        usage="estimator [--managed] [--state-file FILE] [--supervised] --ros-args -p robot:=FILE "
-        "[-p timeout:=S] [-r FROM:=TO] ...",
-        description="Tension of every cable element and force on every pulley from motor encoders "
-        "and joint angles. Topics in the namespace /cdrj: in motor_states, joint_states, "
-        "tension_sensors; out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, "
-        "~/tare, ~/set_preload.",
-    )
+def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--managed", action="store_true",
         help="start as a lifecycle node, unconfigured: configure loads the robot, activate "
@@ -143,26 +106,29 @@ def _arguments(arguments: list[str]) -> argparse.Namespace:
         "--state-file", type=Path, metavar="FILE",
         help="file to which the state is written every second; the next start continues from it",
     )  # fmt: skip
-    add_node_options(parser)
-    return parser.parse_args(arguments)
+
+
+def _made(own: argparse.Namespace) -> tuple[Node, Callable[[], object]]:
+    """The node, and what writes its state file."""
+    node = (ManagedEstimator if own.managed else EstimatorNode)(own.state_file)
+    return node, node.estimation.write_state
 
 
 def _body(argv: Sequence[str]) -> int:
-    arguments = ["estimator", *argv]
-    with starting():
-        own = _arguments(remove_ros_args(arguments)[1:])
-    if own.print_parameters:
-        print(estimator_file(), end="")
-        return DONE
-    refuse_unknown_parameters(arguments, settings())
-    with ros_context(arguments) as stop:
-        if own.managed:
-            spin_managed(own.state_file, stop)
-        else:
-            with starting():
-                node = EstimatorNode(own.state_file)
-            spin_until_stopped(node, stop, node.estimation.write_state)
-    return exit_code("estimator", stop, supervised=own.supervised)
+    return run_node(
+        "estimator",
+        settings(),
+        "estimator [--managed] [--state-file FILE] [--supervised] --ros-args -p robot:=FILE "
+        "[-p timeout:=S] [-r FROM:=TO] ...",
+        "Tension of every cable element and force on every pulley from motor encoders and joint "
+        "angles. Topics in the namespace /cdrj: in motor_states, joint_states, tension_sensors; "
+        "out tensions, nodal_forces, efforts; /diagnostics. Services: ~/reset, ~/tare, "
+        "~/set_preload.",
+        _made,
+        argv,
+        add_options=_add_options,
+        file=estimator_file,
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

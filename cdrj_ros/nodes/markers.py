@@ -189,7 +189,7 @@ def _body(argv: Sequence[str]) -> int:
         "markers [--supervised] --ros-args -p robot:=FILE [-p NAME:=VALUE] ...",
         "The robot as markers for RViz. Topics in the namespace /cdrj: in tensions, nodal_forces, "
         "joint_states; out markers (visualization_msgs/MarkerArray), while anybody subscribes.",
-        lambda: (MarkersNode(), None),
+        lambda _: (MarkersNode(), None),
         argv,
     )
 

@@ -1,24 +1,21 @@
-"""The estimator's parameters: the table, the values at the start, and changes while it runs."""
+"""The estimator's parameters: the table, and what their values at the start mean."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, Final
 
 from rclpy.parameter import Parameter
 
-from cdrj_ros.estimation.changes import preloads_of
 from cdrj_ros.estimation.conditioner import MODES
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
-from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.foundation.errors import CdrjError, UsageError
+from cdrj_ros.estimation.session import Options
+from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS
-from cdrj_ros.nodes.settings import Setting, as_double, parameter_file
+from cdrj_ros.nodes.settings import Setting, parameter_file
 from cdrj_ros.nodes.silence import SAME_CLOCK_S
 from cdrj_ros.robot.document import schema
-from cdrj_ros.robot.parameters import number_at
 
 UNSET: Final = -1.0
 """Value of a number for which the robot file's value is used."""
@@ -117,9 +114,6 @@ def estimator_file() -> str:
     )
 
 
-# --- at the start -----------------------------------------------------------------------------
-
-
 def options_of(values: Mapping[str, Any]) -> Options:
     """The estimator's options, by the values of the parameters.
 
@@ -130,7 +124,7 @@ def options_of(values: Mapping[str, Any]) -> Options:
         conditioning=values["conditioning"],
         unsure_share=values["unsure_share"],
         ignored_sensors=tuple(name for name in split_names(values["ignored_sensors"]) if name),
-        tracking=_bandwidth(values[TRACKING]),
+        tracking=bandwidth(values[TRACKING]),
     )
 
 
@@ -145,7 +139,7 @@ def split_names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-def _bandwidth(value: float) -> float | None:
+def bandwidth(value: float) -> float | None:
     """The value of ``Options.tracking`` for a value of the parameter."""
     if value == UNSET:
         return None
@@ -155,92 +149,3 @@ def _bandwidth(value: float) -> float | None:
         f"{TRACKING} must be in [{SLOWEST_HZ:g}, {FASTEST_HZ:g}] Hz, 0 for no filter, or "
         f"{UNSET:g} for the robot file's; got {value:g}"
     )
-
-
-# --- while the node runs ----------------------------------------------------------------------
-
-
-def in_force(live: LiveEstimator) -> list[Parameter]:
-    """Current values of the parameters that services and the state file can change."""
-    robot = live.model.robot
-    document = dict(robot.document)
-    return [
-        Parameter("preload", value=[float(cable.preload) for cable in robot.cables]),
-        *(
-            Parameter(name, value=float(number_at(document, name)))
-            for name in (f"friction.{key}" for key in FRICTION)
-        ),
-    ]
-
-
-def meant(live: LiveEstimator | None, changes: Sequence[Parameter]) -> list[Parameter]:
-    """The changes with the values that they stand for.
-
-    Integers become doubles. ``UNSET`` of ``friction.*`` becomes the robot file's value, so that the
-    parameter shows the value in use; not without an estimator.
-    """
-    defaults = {one.name: one.default for one in settings()}
-    found = []
-    for change in changes:
-        one = as_double(change, defaults.get(change.name))
-        unset = one.name in defaults and one.name.startswith("friction.") and one.value == UNSET
-        if live is not None and unset:
-            document = dict(live.started.robot.document)
-            one = Parameter(one.name, value=float(number_at(document, one.name)))
-        found.append(one)
-    return found
-
-
-def apply_changes(live: LiveEstimator, changes: Sequence[Parameter]) -> str:
-    """Apply all changes of parameters to a running estimator, or none of them.
-
-    Returns:
-        A description of the changes; empty if none concerns the estimator.
-
-    Raises:
-        CdrjError: a change is invalid; no change has been applied then.
-    """
-    given = {change.name: change.value for change in changes}
-    friction = {name: float(given[name]) for name in given if name.startswith("friction.")}
-    options = replace(
-        live.options,
-        unsure_share=float(given.get("unsure_share", live.options.unsure_share)),
-        tracking=_bandwidth(float(given[TRACKING])) if TRACKING in given else live.options.tracking,
-    )
-    preload = _by_cable(live, given["preload"]) if "preload" in given else {}
-    if preload:
-        preloads_of(live.model, preload)  # refuses before anything has changed
-    words = []
-    before = live.model
-    if friction:
-        words.append(live.set_numbers(friction))
-    if preload:
-        try:
-            words.append(live.set_preload(preload))
-        except CdrjError:
-            if friction:
-                live.use(before)
-            raise
-    if "unsure_share" in given:
-        live.set_unsure_share(options.unsure_share)
-        words.append(f"unsure_share = {options.unsure_share:g}")
-    if TRACKING in given:
-        live.set_tracking(options.tracking)
-        words.append(f"{TRACKING} = {given[TRACKING]:g}")
-    return "; ".join(words)
-
-
-def _by_cable(live: LiveEstimator, given: Sequence[float] | None) -> dict[str, float]:
-    """Preloads by cable [N].
-
-    Raises:
-        UsageError: there is not one for each.
-    """
-    if given is None:
-        raise UsageError("preload cannot be unset while running")
-    cables = [cable.name for cable in live.model.robot.cables]
-    if len(given) != len(cables):
-        raise UsageError(
-            f"preload needs {len(cables)} tensions, of {', '.join(cables)}; got {len(given)}"
-        )
-    return dict(zip(cables, given, strict=True))

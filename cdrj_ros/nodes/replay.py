@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Final
 
+from rclpy.utilities import remove_ros_args
+
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import (
     add_result_options,
@@ -252,20 +254,9 @@ def _second_signal_aborts(stop: StopRequest) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _divided(argv: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Split the arguments into the replay's own and those between ``--ros-args`` and ``--``."""
-    own: list[str] = []
-    ros: list[str] = []
-    inside = False
-    for argument in argv:
-        inside = inside or argument == "--ros-args"
-        (ros if inside else own).append(argument)
-        inside = inside and argument != "--"
-    return own, ros
-
-
 def _body(argv: Sequence[str]) -> int:
-    own, ros = _divided(argv)
+    with starting():
+        own = remove_ros_args(["replay", *argv])[1:]
     arguments = replay_parser().parse_args(own)
     results = {"--json": arguments.json, "--html": arguments.html}
     check_outputs(results, [*arguments.bags, arguments.robot])
@@ -276,7 +267,7 @@ def _body(argv: Sequence[str]) -> int:
     model = load_model(arguments.robot, arguments.preload)
     topics = topics_of(arguments)
     bags = [_open(arguments, model, topics, path) for path in arguments.bags]
-    with ros_context(["replay", *ros]) as stop, stop.listening(), _second_signal_aborts(stop):
+    with ros_context(["replay", *argv]) as stop, stop.listening(), _second_signal_aborts(stop):
         return _replay(arguments, model, topics, bags, stop)
 
 

@@ -260,7 +260,7 @@ def _body(argv: Sequence[str]) -> int:
         "commands/velocity, commands/effort; out motor_states, "
         "joint_states, on request tension_sensors, truth/tensions, truth/nodal_forces, "
         "truth/states and /clock; /diagnostics. Services: ~/push, ~/reset.",
-        lambda: (RigNode(), None),
+        lambda _: (RigNode(), None),
         argv,
     )
 

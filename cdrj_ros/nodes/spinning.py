@@ -185,19 +185,6 @@ def ros_context(arguments: Sequence[str]) -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
-def add_node_options(parser: argparse.ArgumentParser) -> None:
-    """``--print-parameters`` and ``--supervised``."""
-    parser.add_argument(
-        "--print-parameters", action="store_true",
-        help="print a parameter file with every parameter, its default, unit and range, and exit",
-    )  # fmt: skip
-    parser.add_argument(
-        "--supervised", action="store_true",
-        help="exit with code 0 on SIGINT, which ros2 launch and systemd take for a clean end; "
-        f"otherwise with {INTERRUPTED}",
-    )  # fmt: skip
-
-
 @contextmanager
 def serving(node: Node) -> Iterator[EventsExecutor]:
     """An executor of the node's callbacks; on exit, the node is destroyed after its executor.
@@ -223,18 +210,17 @@ def exit_code(name: str, stop: StopRequest, *, supervised: bool) -> int:
 
 
 def spin_until_stopped(
-    node: Node,
-    stop: StopRequest,
-    before_end: Callable[[], object] | None = None,
-    survives: Callable[[RuntimeError], bool] = lambda _: False,
+    node: Node, stop: StopRequest, before_end: Callable[[], object] | None = None
 ) -> None:
     """Run a node's callbacks until ``stop`` is set, then destroy the node.
+
+    A request for a transition that the present state of a lifecycle node does not have is logged:
+    rclpy raises where such a request gives the transition's number, and does not answer.
 
     Args:
         node: the node; it logs first if discovery is limited to this machine.
         stop: the request yielded by ``ros_context``.
         before_end: called after the last callback, even if a callback has raised.
-        survives: whether the node goes on after this error of a callback.
     """
     if os.environ.get(RANGE) == "LOCALHOST":
         node.get_logger().info(
@@ -248,8 +234,9 @@ def spin_until_stopped(
                 except InvalidHandle:  # an event of a topic that a callback has closed meanwhile
                     continue
                 except RuntimeError as error:
-                    if not survives(error):
+                    if "Transition is not registered" not in str(error):
                         raise
+                    node.get_logger().error(str(error))
         finally:
             if before_end is not None:
                 before_end()
@@ -260,8 +247,11 @@ def run_node(
     settings: Sequence[Setting],
     usage: str,
     description: str,
-    make: Callable[[], tuple[Node, Callable[[], object] | None]],
+    make: Callable[[argparse.Namespace], tuple[Node, Callable[[], object] | None]],
     argv: Sequence[str],
+    *,
+    add_options: Callable[[argparse.ArgumentParser], None] = lambda _: None,
+    file: Callable[[], str] | None = None,
 ) -> int:
     """Parse the command line of a node, make it and run it until it is asked to stop.
 
@@ -272,6 +262,8 @@ def run_node(
         description: sentences of the help; the names of the parameters are added.
         make: makes the node and what is called before its end.
         argv: the command line without the program.
+        add_options: adds further options, which ``make`` takes.
+        file: its parameter file; None: that of ``parameter_file``.
 
     Returns:
         The exit code.
@@ -284,15 +276,24 @@ def run_node(
     parser = OneLineParser(
         prog=name, usage=usage, description=f"{description} Parameters: {parameters}."
     )
-    add_node_options(parser)
+    add_options(parser)
+    parser.add_argument(
+        "--print-parameters", action="store_true",
+        help="print a parameter file with every parameter, its default, unit and range, and exit",
+    )  # fmt: skip
+    parser.add_argument(
+        "--supervised", action="store_true",
+        help="exit with code 0 on SIGINT, which ros2 launch and systemd take for a clean end; "
+        f"otherwise with {INTERRUPTED}",
+    )  # fmt: skip
     with starting():
         own = parser.parse_args(remove_ros_args(arguments)[1:])
     if own.print_parameters:
-        print(parameter_file(name, settings), end="")
+        print(file() if file else parameter_file(name, settings), end="")
         return DONE
     refuse_unknown_parameters(arguments, settings)
     with ros_context(arguments) as stop:
         with starting():
-            node, before_end = make()
+            node, before_end = make(own)
         spin_until_stopped(node, stop, before_end)
     return exit_code(name, stop, supervised=own.supervised)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -120,7 +121,7 @@ class ViewNode(Node):
             self.get_logger().warning(f"nothing drawn: {error}", throttle_duration_sec=5.0)
 
 
-def _made() -> tuple[Node, Callable[[], object]]:
+def _made(_: argparse.Namespace) -> tuple[Node, Callable[[], object]]:
     """The node, and the end of its page."""
     load_viser()
     node = ViewNode()
