@@ -20,7 +20,6 @@ from cdrj_ros.identification.parts import PartFit
 from cdrj_ros.model.packing import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.groups import motors_of
 
 OPPOSITE: Final = -1.0 / 3.0
 """Ratio of efforts below which their sign is wrong: that of a cable never changes."""
@@ -137,7 +136,7 @@ def effort_ratios(model: Model, recorded: Recorded) -> dict[str, float]:
     robot, columns = model.robot, channel_columns(model.layout)
     pose = Samples(np.zeros(1, np.int64), robot.reference_motors[None], robot.reference_pose[None])
     values = run(model, initial_state(model), pose)[1].values[0]
-    wound = [name for cable in robot.cables for name in motors_of(cable)]
+    wound = [name for cable in robot.cables for name in cable.motors]
     found = {}
     for name in (one for one in wound if wound.count(one) == 1):
         channel = f"{EFFORT}/{name}"

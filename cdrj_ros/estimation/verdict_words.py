@@ -9,7 +9,6 @@ from typing import Final, Literal
 
 from cdrj_ros.estimation.verdicts import ALL_EFFORTS, Finding, Verdict
 from cdrj_ros.robot.description import Robot, Winch
-from cdrj_ros.robot.groups import motors_of
 
 CLEAR: Final = 14.0
 """Margin beyond which it is not said: a million."""
@@ -164,7 +163,7 @@ def _remedy(robot: Robot, found: Finding) -> str:
         return text + (f"; if that of the preloads is, {ratio:.3g} times" if ratio > 0.0 else "")
     text = f"; if its unit is wrong, {key} mends it"
     name = one.what.removeprefix("scale of effort of ")
-    cables = [cable for cable in robot.cables if name in motors_of(cable)]
+    cables = [cable for cable in robot.cables if name in cable.motors]
     if len(cables) == 1 and ratio > 0.0:
         text += f"; if its preload is, {ratio * cables[0].preload:.4g} N"
     radii = {

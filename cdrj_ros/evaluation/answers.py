@@ -18,6 +18,7 @@ from cdrj_ros.estimation.conditioner import TOPICS, Conditioned, Conditioner, Ki
 from cdrj_ros.estimation.estimator import Estimates, Sample, Samples
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.foundation.output import listed
 from cdrj_ros.messages.cdr import MessageError, read_layout
 from cdrj_ros.messages.templates import ESTIMATE_MESSAGES, EstimateMessage
 from cdrj_ros.model.prepared import Model
@@ -172,7 +173,8 @@ class Run:
         if names != expected:
             self.trouble = AnotherRobotError(
                 f"the estimator is of another robot: its {topic.topic} are of "
-                f"{_listed(names)}, expected {_listed(expected)} as in the robot file"
+                f"{listed(names, 4) or 'nothing'}, expected {listed(expected, 4)} as in the robot "
+                "file"
             )
 
     @property
@@ -242,8 +244,3 @@ def _decoded(
         value = np.concatenate(table.value).reshape(-1, len(names), len(arrays))
         block[:, np.concatenate(table.arrival)] = np.moveaxis(value, 2, 0)
     return dict(zip(arrays, block, strict=True))
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:4])
-    return f"{shown}, ... ({len(names)} in all)" if len(names) > 4 else shown or "nothing"

@@ -22,7 +22,6 @@ from cdrj_ros.model.packing import (
     stddev_places,
 )
 from cdrj_ros.model.prepared import Model, shape_at
-from cdrj_ros.robot.description import turns_of
 
 
 @dataclass(frozen=True)
@@ -280,11 +279,10 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     for cable in robot.cables:
         rows = [k for k, name in enumerate(layout.elements) if name.startswith(f"{cable.name}/")]
         along = reach[rows].sum(axis=0)
-        winches = [name for node in cable.nodes for name in turns_of(node)]
         if along.size and along.max() > 0.0:
             by_cable[cable.name] = angles[layout.joints[int(along.argmax())]]
-        elif winches:
-            by_cable[cable.name] = angles[winches[0]]
+        elif cable.motors:
+            by_cable[cable.name] = angles[cable.motors[0]]
         elif layout.joints:
             by_cable[cable.name] = angles[layout.joints[0]]
     chosen = {f"{EFFORT}/{name}": angle for name, angle in angles.items()}

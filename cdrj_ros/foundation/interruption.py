@@ -78,7 +78,6 @@ def thread_pool(workers: int) -> Iterator[ThreadPoolExecutor]:
     pool = ThreadPoolExecutor(workers)
     try:
         yield pool
-    except BaseException:
+        pool.shutdown()
+    finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()

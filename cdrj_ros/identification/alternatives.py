@@ -8,7 +8,7 @@ docs/identification.md.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from math import log, sqrt
 from typing import Final, Literal, NamedTuple
@@ -29,7 +29,7 @@ from cdrj_ros.identification.solver import (
     prior_residuals,
     robust_weights,
 )
-from cdrj_ros.robot.description import Robot, turns_of
+from cdrj_ros.robot.description import Robot
 
 SOUGHT: Final = 41
 """Values of a number that is sought over its whole range."""
@@ -196,12 +196,6 @@ def _log_likelihood(one: Misfit, independent: int) -> float:
     return found
 
 
-def _motors(robot: Robot) -> Iterator[str]:
-    """Motors that turn drums."""
-    for cable in robot.cables:
-        yield from (name for node in cable.nodes for name in turns_of(node))
-
-
 def _whole_cycles(problem: Problem) -> bool:
     """Whether every motor with a drum moved back and forth in some recording."""
     robot = problem.begin.robot
@@ -209,7 +203,7 @@ def _whole_cycles(problem: Problem) -> bool:
     angles = [samples_by(problem.begin, one).motor_angle for one in problem.observations]
     return all(
         any(_passes(angle[:, names.index(motor)]) >= WHOLE_CYCLE for angle in angles)
-        for motor in set(_motors(robot))
+        for motor in {name for cable in robot.cables for name in cable.motors}
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.foundation.output import fixed
 from cdrj_ros.robot.description import Cable, Robot
-from cdrj_ros.robot.groups import joints_of, motors_of
+from cdrj_ros.robot.groups import joints_of
 
 POSES_PER_JOINT: Final = (81, 21, 9, 5)
 """Grid points per joint for a robot with one, two, three or four joints."""
@@ -72,7 +72,7 @@ def visited_poses(robot: Robot, moved: Collection[str]) -> Matrix:
 
 def on_common_motors(robot: Robot) -> Iterator[list[int]]:
     """Indices of cables in groups whose motors wind no other cable."""
-    left = {c: motors_of(cable) for c, cable in enumerate(robot.cables)}
+    left = {c: {*cable.motors} for c, cable in enumerate(robot.cables)}
     while left:
         first, names = next(iter(left.items()))
         group = {first}

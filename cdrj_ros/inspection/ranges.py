@@ -26,7 +26,7 @@ from cdrj_ros.model.laws import (
 )
 from cdrj_ros.model.prepared import Course, Model, course_of, prepare
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
-from cdrj_ros.robot.groups import joints_of, motors_of
+from cdrj_ros.robot.groups import joints_of
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def inspect_robot(model: Model) -> Inspection:
         moved = {name for cable in own for name in joints_of(robot, cable)}
         checks, angles = _inspected(part, visited_poses(robot, moved))
         cables |= {check.name: check for check in checks}
-        wound = {name for cable in own for name in motors_of(cable)}
+        wound = {name for cable in own for name in cable.motors}
         motors |= {name: angles[name] for name in wound}
     poses = _possible(model, visited_poses(robot, [joint.name for joint in robot.joints]))
     ranks = np.linalg.matrix_rank(_scaled(_total_arms(model, poses)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from math import cos, pi, sin
 from typing import Any, Final
@@ -74,7 +74,7 @@ def _sizes(robot: Robot) -> Sizes:
         contacts=sum(contact_cells(pulley) for cable in cables for pulley in cable.pulleys),
         frames=len(robot.frames),
         nodes=nodes if robot.frames else 0,
-        terms=sum(1 for cable in cables for profile in _profiles(cable) if profile.joint),
+        terms=sum(1 for cable in cables for profile in cable.profiles if profile.joint),
         drums=sum(_takes_up(node) for cable in cables for node in _ends(cable)),
         turns=sum(len(turns_of(node)) for cable in cables for node in _ends(cable)),
         surfaces=sum(pulley.cell_width > 0.0 for cable in cables for pulley in cable.pulleys),
@@ -92,14 +92,6 @@ def _ends(cable: Cable) -> tuple[Node, Node]:
 def _takes_up(end: Node) -> bool:
     """Whether an end takes up cable: a drum, or a sector on a frame that turns."""
     return isinstance(end, Winch) or end.radius > 0.0
-
-
-def _profiles(cable: Cable) -> Iterator[Profile]:
-    """All profiles whose sums are the cable's wraps and spans."""
-    for pulley in cable.pulleys:
-        yield from pulley.wrap
-    for span in cable.spans:
-        yield from span
 
 
 def _fill(rows: Any, index: int, **fields: float | tuple[float, ...]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot, inf, pi
@@ -356,6 +356,16 @@ class Cable:
     """Length without tension of a passive cable [m]; 0 where it follows from the preload."""
 
     @property
+    def motors(self) -> tuple[str, ...]:
+        """Names of the motors that wind it, in the order of its nodes."""
+        return tuple(dict.fromkeys(name for node in self.nodes for name in turns_of(node)))
+
+    @property
+    def profiles(self) -> Iterator[Profile]:
+        """All functions of joint angles whose sums are its spans and wraps."""
+        return (one for own in (*self.spans, *(p.wrap for p in self.pulleys)) for one in own)
+
+    @property
     def pulleys(self) -> tuple[Pulley, ...]:
         """The pulleys in order."""
         return tuple(node for node in self.nodes if isinstance(node, Pulley))
@@ -366,7 +376,7 @@ class Cable:
 
         Infinite for a cable with a ``max_tension``, beyond which it is overloaded.
         """
-        if self.maximum_tension < inf or not any(map(turns_of, self.nodes)):
+        if self.maximum_tension < inf or not self.motors:
             return inf
         return max(MOST_PRELOADS * self.preload, LARGEST_STRAIN * self.axial_stiffness)
 

@@ -17,7 +17,7 @@ import numpy as np
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled
-from cdrj_ros.robot.description import Cable, Profile, Pulley, Robot, turns_of
+from cdrj_ros.robot.description import Cable, Robot
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space import Frame
 from cdrj_ros.robot.stated import with_covariance
@@ -31,14 +31,9 @@ Groups = tuple[tuple[int, ...], ...]
 
 def joints_of(robot: Robot, cable: Cable) -> frozenset[str]:
     """Names of the joints on which the lengths and wraps of a cable depend."""
-    found = {profile.joint for profile in _profiles(cable)}
+    found = {profile.joint for profile in cable.profiles}
     found |= {frame.joint for frame in _frames_of(robot, cable)}
     return frozenset(name for name in found if name is not None)
-
-
-def motors_of(cable: Cable) -> frozenset[str]:
-    """Names of the motors that wind a cable."""
-    return frozenset(name for node in cable.nodes for name in turns_of(node))
 
 
 def connected_cables(robot: Robot, *, branches: bool = False) -> Groups:
@@ -49,10 +44,10 @@ def connected_cables(robot: Robot, *, branches: bool = False) -> Groups:
         branches: whether the branches beyond a measured joint are groups of their own.
     """
     joints = [joints_of(robot, cable) for cable in robot.cables]
-    motors = [motors_of(cable) for cable in robot.cables]
+    motors = [cable.motors for cable in robot.cables]
     label = np.arange(len(robot.cables))
 
-    def passing(name: str, names: Sequence[frozenset[str]]) -> list[int]:
+    def passing(name: str, names: Sequence[Collection[str]]) -> list[int]:
         return [c for c, own in enumerate(names) if name in own]
 
     def connect(members: Sequence[int]) -> None:
@@ -94,7 +89,7 @@ def part_of(robot: Robot, cables: Collection[int]) -> Document:
         if is_coupled(one) and joints.issuperset(one["coupled"])
     }
     kept = {
-        "motors": {name for one in own for name in motors_of(one)},
+        "motors": {name for one in own for name in one.motors},
         "joints": joints | coupled,
         "frames": {frame.name for one in own for frame in _frames_of(robot, one)},
         "cables": {one.name for one in own},
@@ -119,7 +114,7 @@ def channels_of(robot: Robot, cables: Collection[int]) -> set[str]:
     own = [robot.cables[c] for c in cables]
     others = [cable for c, cable in enumerate(robot.cables) if c not in cables]
     axes, elsewhere = (
-        {name for one in some for name in (*motors_of(one), *joints_of(robot, one))}
+        {name for one in some for name in (*one.motors, *joints_of(robot, one))}
         for some in (own, others)
     )
     tensions = {f"tension/{name}" for one in own for name in one.element_names}
@@ -141,7 +136,7 @@ class Owners:
             for cable in (robot.cables[c] for c in members):
                 frames = {frame.name for frame in _frames_of(robot, cable)}
                 parts = {f"cables.{cable.name}"}
-                parts |= {f"motors.{name}" for name in motors_of(cable)}
+                parts |= {f"motors.{name}" for name in cable.motors}
                 parts |= {f"joints.{name}" for name in joints_of(robot, cable)}
                 parts |= {f"frames.{name}" for name in frames}
                 parts |= {
@@ -214,11 +209,3 @@ def _frames_of(robot: Robot, cable: Cable) -> Iterator[Frame]:
             while frame is not None:
                 yield frame
                 frame = frames.get(frame.parent or "")
-
-
-def _profiles(cable: Cable) -> Iterator[Profile]:
-    for span in cable.spans:
-        yield from span
-    for node in cable.nodes:
-        if isinstance(node, Pulley):
-            yield from node.wrap

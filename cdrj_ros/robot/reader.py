@@ -24,7 +24,6 @@ from cdrj_ros.robot.description import (
     Robot,
     Uncertainty,
     residual_shape,
-    turns_of,
 )
 from cdrj_ros.robot.document import explained, parse_document, read_text
 from cdrj_ros.robot.space import read_visuals
@@ -186,7 +185,7 @@ def _slipping(
     drums: str | Document, default: str, cables: tuple[Cable, ...], refuse: Refusal
 ) -> tuple[str, ...]:
     """Names of the cables that may slip on drums; ``drums``: one word for all, or one by cable."""
-    wound = [cable.name for cable in cables if any(turns_of(node) for node in cable.nodes)]
+    wound = [cable.name for cable in cables if cable.motors]
     words = dict.fromkeys(wound, drums) if isinstance(drums, str) else drums
     for name in words:
         if name not in wound:

@@ -18,7 +18,7 @@ from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.laws import elasticity_of, secant_at, strain_at
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch, turns_of
+from cdrj_ros.robot.description import Anchor, Cable, Motor, Node, Robot, Winch
 from cdrj_ros.simulation.motion import smooth_step
 
 ANCHOR_RADIUS: Final = 0.01
@@ -235,8 +235,8 @@ def _end(cable: Cable, fault: CableFault) -> tuple[int, float, int]:
 
 def _wound_together(robot: Robot, index: int) -> list[int]:
     """Indices of the cables that share a motor with this one, including itself."""
-    motors = [{name for node in cable.nodes for name in turns_of(node)} for cable in robot.cables]
-    return [c for c, own in enumerate(motors) if c == index or own & motors[index]]
+    own = {*robot.cables[index].motors}
+    return [c for c, cable in enumerate(robot.cables) if c == index or own & {*cable.motors}]
 
 
 def _elongation(robot: Robot, index: int) -> float:

@@ -81,7 +81,7 @@ def open_server(host: str, port: int) -> Any:
             self._proxy = Proxy(secret, super().get_port(), lambda *of: allowed(host, *of))
             try:
                 self._in_loop(self._proxy.listen(host, port))
-            except BaseException:
+            except (OSError, UnicodeError):
                 super().stop()
                 raise
 
