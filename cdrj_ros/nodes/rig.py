@@ -92,7 +92,7 @@ class RigNode(Node):
 
     def _open(self, model: Any) -> None:
         """Open topics, services and timers."""
-        self.outputs = RigOutputs(self, model, self.options)
+        self.outputs = RigOutputs(self, model, self.rig, self.options)
         stands_in = self.options.sensors.update_rate is not None
         self.commands = CommandListener(
             self, model.robot, self.options.limits, self._on_command, stands_in

@@ -17,10 +17,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.messages import topics
-from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE, NODAL_FORCES
-from cdrj_ros.messages.templates import Template
+from cdrj_ros.messages.cdr import CABLE_TENSIONS, JOINT_STATE
+from cdrj_ros.messages.templates import EstimateEncoder, Template
+from cdrj_ros.model.packing import Layout
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.nodes.settings import default_profile
@@ -40,10 +42,6 @@ from cdrj_ros.simulation.sensors import CellGroup, angle_of, encoder_groups, tru
 
 BASE_LINK: Final = "base_link"
 """Frame of joint_state_broadcaster's messages."""
-
-
-FORCES: Final = ("force_x", "force_y", "force_z", "magnitude", "status")
-"""What the truth gives of the forces on pulleys."""
 
 DEPTH = 10
 """Queue depth of a topic [messages]; small because old commands are useless."""
@@ -77,7 +75,7 @@ class _Queue:
 class RigOutputs:
     """Samples the rig after every step and publishes the readings whose latency has elapsed."""
 
-    def __init__(self, node: Node, model: Model, options: RigOptions) -> None:
+    def __init__(self, node: Node, model: Model, rig: LiveRig, options: RigOptions) -> None:
         """Open the topics."""
         self._groups = encoder_groups(model, options.sensors, options.seed)
         names = {
@@ -96,7 +94,8 @@ class RigOutputs:
         self._free = len(model.robot.motors) + options.settings.joint
         self._speed = np.zeros(len(model.robot.axes))
         self._open_cells(node, model, options)
-        self._open_truth(node, model, options)
+        self._state_template = Template(JOINT_STATE, [axis.name for axis in model.robot.axes])
+        self._open_truth(node, rig.layout, options)
 
     def restart(self, now_s: float) -> None:
         """End the faults of all encoders; they happen again at their times."""
@@ -154,48 +153,31 @@ class RigOutputs:
             )  # fmt: skip
             self._queue.send(stamp_s + cells.latency, self._cell_publisher, message)
 
-    def _open_truth(self, node: Node, model: Model, options: RigOptions) -> None:
+    def _open_truth(self, node: Node, layout: Layout, options: RigOptions) -> None:
         self._truth_every = 0
         if options.truth_rate == 0.0:
             return
         self._truth_every = max(round(options.settings.rate / options.truth_rate), 1)
-        layout = model.layout
-        self._tension_template = Template(
-            CABLE_TENSIONS, layout.elements, ("tension", "status"), layout.base_link
-        )
-        self._force_template = Template(NODAL_FORCES, layout.pulleys, FORCES, layout.force_frame)
-        self._pulley_status = layout.pulley_status
-        self._state_template = Template(JOINT_STATE, layout.motors + layout.joints)
-        self._tension_publisher = node.create_publisher(
-            CableTensions, f"{topics.TRUTH}/{topics.TENSIONS}", default_profile()
-        )
-        self._force_publisher = node.create_publisher(
-            NodalForces, f"{topics.TRUTH}/{topics.NODAL_FORCES}", default_profile()
-        )
-        self._state_publisher = node.create_publisher(
-            JointState, f"{topics.TRUTH}/{topics.STATES}", default_profile()
-        )
+        self._truth = EstimateEncoder(layout)
+        self._truth_publishers = [
+            node.create_publisher(kind, f"{topics.TRUTH}/{topic}", default_profile())
+            for kind, topic in (
+                (CableTensions, topics.TENSIONS),
+                (NodalForces, topics.NODAL_FORCES),
+                (JointState, topics.STATES),
+            )
+        ]
 
     def _publish_truth(self, rig: LiveRig, position: Vector, effort: Vector, stamp_ns: int) -> None:
-        self._tension_publisher.publish(
-            self._tension_template.encode(stamp_ns, tension=rig.tension, status=rig.status)
+        truth = Estimate(stamp_ns, rig.values, rig.layout, solved=True)
+        tensions, forces, _ = self._truth.encode(truth)
+        state = self._state_template.encode(
+            stamp_ns, position=position, velocity=self._speed, effort=effort
         )
-        x, y, z = rig.force.T
-        self._force_publisher.publish(
-            self._force_template.encode(
-                stamp_ns,
-                force_x=x,
-                force_y=y,
-                force_z=z,
-                magnitude=np.linalg.norm(rig.force, axis=1),
-                status=self._pulley_status(rig.status),
-            )
-        )
-        self._state_publisher.publish(
-            self._state_template.encode(
-                stamp_ns, position=position, velocity=self._speed, effort=effort
-            )
-        )
+        for publisher, message in zip(
+            self._truth_publishers, (tensions, forces, state), strict=True
+        ):
+            publisher.publish(message)
 
 
 class CommandListener:

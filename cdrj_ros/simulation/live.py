@@ -15,7 +15,7 @@ import numpy as np
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.packing import INVALID
+from cdrj_ros.model.packing import INVALID, Layout
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import make_rig, read_out
 from cdrj_ros.simulation.faults import CableFault
@@ -122,6 +122,11 @@ class LiveRig:
         """Sum of the pushes on the free joint now [N m]."""
         return sum(push.torque for push in self.pushes)
 
+    @property
+    def layout(self) -> Layout:
+        """Of ``values``: faulty ends have motors of their own."""
+        return self._rig.fine.layout
+
     def set_load(self, load: Load) -> None:
         """Change the load, effective from the next step."""
         self.load = load
@@ -218,10 +223,10 @@ class LiveRig:
         return not np.any(status & INVALID) and bool(np.isfinite(row).all())
 
     def _read(self) -> None:
-        """Store tensions [N], forces [N], efforts [N m] and flags of now, in the robot's order."""
+        """Store the truth, and tensions [N] and efforts [N m] of it in the robot's order."""
+        self.values = self._estimates[0].copy()
         row = (one[0] for one in read_out(self._rig, self._estimates))
-        self.status = self._estimates[0, self._rig.fine.layout.status].astype(np.uint8)
-        self.tension, self.force, self.motor_effort, self.joint_effort = row
+        self.tension, _, self.motor_effort, self.joint_effort = row
 
 
 def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:

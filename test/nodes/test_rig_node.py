@@ -241,7 +241,7 @@ def test_readings_are_published_in_the_order_of_their_arrival(bench):
         def create_publisher(self, _, topic, __):
             return SimpleNamespace(publish=lambda message: sent.append((topic, message)))
 
-    outputs = RigOutputs(Recorder(), load_model(ROBOT), rig.options)
+    outputs = RigOutputs(Recorder(), load_model(ROBOT), rig.rig, rig.options)
     for _ in range(20):
         rig.rig.step(rig.rig.motor_angle)
         outputs.emit(rig.rig, np.zeros(1), rig.rig.time_s, 0)
