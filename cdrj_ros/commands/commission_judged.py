@@ -22,6 +22,7 @@ from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.output import ProgressBar
 from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.parts import parts_of
 from cdrj_ros.inspection.shares import sweep
 from cdrj_ros.model.packing import EFFORT, OK, TENSION, channel_columns
 from cdrj_ros.model.prepared import Model, prepare
@@ -126,14 +127,17 @@ def foretold(now: Commissioned, step: str) -> Judged:
 
     Args:
         now: the file.
-        step: ``motion``, or ``cells``.
+        step: ``motion``, or ``cells``: one in the first cable, which helps those fitted with it.
     """
     model, heard = now.model, now.heard
     noise = {f"{EFFORT}/{one.name}": one.effort_noise for one in model.robot.motors}
     noise |= {f"{EFFORT}/{name}": read for name, read in heard.items()}
     if step == "cells":
         cable = model.robot.cables[0]
-        noise[f"{TENSION}/{cable.element_names[-1]}"] = cable.sensor_noise
+        cell = f"{TENSION}/{cable.element_names[-1]}"
+        noise[cell] = cable.sensor_noise
+        own = next(part.channels for part in parts_of(model.robot) if cell in part.channels)
+        noise = {name: size for name, size in noise.items() if name in own}
     after = commissioned(now.text, now.source, Measured(motion=[_made_up(model, noise)]))
     return judged(after.model, {**after.heard, **heard})
 

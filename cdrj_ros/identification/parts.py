@@ -41,7 +41,7 @@ from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import channels_of, connected_cables, joints_of, part_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.stated import StatedNumbers, joined, stated_numbers
-from cdrj_ros.robot.writer import number_of_urdf
+from cdrj_ros.robot.writer import urdf_frames
 
 FIT_SAMPLES: Final = 4000
 """Samples to which those of all recordings are thinned, if that leaves 100 per second."""
@@ -222,11 +222,9 @@ def unknowns_of(
         UsageError: all numbers are exact.
     """
     document: Any = robot.document
-    causes = [
-        cause
-        for cause in nuisance_causes(robot.uncertainty, ())
-        if elsewhere.isdisjoint(cause) and not any(number_of_urdf(text, path) for path in cause)
-    ]
+    causes = [one for one in nuisance_causes(robot.uncertainty, ()) if elsewhere.isdisjoint(one)]
+    if urdf_frames(text) is not None:  # where alone they can be changed
+        causes = [one for one in causes if not any(path.startswith("frames.") for path in one)]
     if not causes:
         raise UsageError("the robot file says that all its numbers are exact")
     model = prepare(robot)

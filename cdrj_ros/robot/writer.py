@@ -112,17 +112,10 @@ def with_section(text: str, key: str, section: str | None) -> str:
     return f"{result}\n{own.rstrip()}\n"
 
 
-def number_of_urdf(text: str, path: str) -> bool:
-    """Whether a number is one of the URDF that the file names, where alone it can be changed.
-
-    Args:
-        text: a robot file.
-        path: of the number, such as ``frames.link2.origin.1``.
-    """
-    if not path.startswith("frames."):
-        return False
+def urdf_frames(text: str) -> Any:
+    """The entry ``frames`` of a robot file that takes them from a URDF; None of any other."""
     frames = entry_node(yaml_nodes(text), "frames")
-    return frames is not None and frames[1].id == "mapping"
+    return frames[1] if frames is not None and frames[1].id == "mapping" else None
 
 
 def moved(text: str, source: str, target: str) -> str:
@@ -134,10 +127,10 @@ def moved(text: str, source: str, target: str) -> str:
         target: path of the file that it will be written to.
     """
     before, after = (Path(path).parent.resolve() for path in (source, target))
-    frames = entry_node(yaml_nodes(text), "frames")
-    if before == after or frames is None or frames[1].id != "mapping":
+    frames = urdf_frames(text)
+    if before == after or frames is None:
         return text
-    found = entry_node(frames[1], "urdf")
+    found = entry_node(frames, "urdf")
     if found is None or found[1].value == DESCRIPTION or Path(found[1].value).is_absolute():
         return text
     if found[1].value.startswith("package://"):

@@ -9,7 +9,7 @@ from support.fingers import WRIST, cable, finger, hand, recorded
 
 from cdrj_ros.api import Estimator
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_judged import judged
+from cdrj_ros.commands.commission_judged import foretold, judged
 from cdrj_ros.commands.commission_steps import Measured
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.alternatives import DrumFinding
@@ -127,6 +127,13 @@ def test_a_file_is_judged_with_efforts_as_noisy_as_those_that_were_recorded(two)
     assert heard == pytest.approx({motor.name: 0.005 for motor in two.motors}, rel=0.25)
     silent = Measured(motion=[replace(motion, references={})])
     assert replace(now, measured=silent).heard == {}
+
+
+def test_a_load_cell_in_a_finger_is_foretold_to_help_its_cables_alone(two):
+    now = steps.begin(text_of(two), "hand")
+    before, after = judged(now.model).relative, foretold(now, "cells").relative
+    assert after["a_0"] < 0.8 * before["a_0"]
+    assert [after[name] for name in ("b_0", "b_1")] == [before[name] for name in ("b_0", "b_1")]
 
 
 def test_friction_of_all_cables_becomes_that_of_every_cable_of_a_part(two):
