@@ -19,7 +19,7 @@ from cdrj_ros.estimation.verdicts import Heard, Verdict, judge
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.groups import part_of
+from cdrj_ros.robot.groups import joints_of, part_of
 from cdrj_ros.robot.reader import build_robot
 
 HISTORY_NS: Final = 200_000_000
@@ -102,6 +102,8 @@ class Group:
         self._model = model
         self._own = own
         self._cable_of = _cables_of_columns(own)
+        self._axes = [joints_of(own.robot, one).union(one.motors) for one in own.robot.cables]
+        """Names of the axes of every own cable."""
         self.forget()
 
     def forget(self) -> None:
@@ -113,6 +115,10 @@ class Group:
         """``Sensor.parts_of`` each."""
         self._read: list[float] = []
         """Last reading of each."""
+        self._of: list[set[int]] = []
+        """Own cables that contribute to it."""
+        self._beside: list[set[int]] = []
+        """Own cables on the axes of these."""
         self.forget_evidence()
 
     def restart(self) -> None:
@@ -161,7 +167,7 @@ class Group:
         if self.verdict is not None:
             left = left * self.verdict.unexplained
             left = left + self._by_few_changes(shift, left)
-        return shift, known, left + self._hidden(past[-1].values[self.columns] + shift)
+        return shift, known, left + self._hidden(past[-1].values[self.columns], shift)
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -218,6 +224,9 @@ class Group:
             self.index[sensor.name] = len(self.index)
             own = [self.cables.index(c) for c in sensor.cables if c in self.cables]
             contributes = np.isin(self._cable_of, [-1, *own])
+            axes = frozenset[str]().union(*(self._axes[c] for c in own))
+            self._of.append(set(own))
+            self._beside.append({c for c, one in enumerate(self._axes) if one & axes})
             self.beliefs.hear(sensor, self.place[sensor.column], contributes)
             self._parts.append(sensor.parts_of(self._model.robot))
             self._read.append(0.0)
@@ -272,28 +281,37 @@ class Group:
             found = np.maximum(found, one.probability * np.where(apart, differs, 0.0))
         return found
 
-    def _hidden(self, expected: Vector) -> Vector:
-        """Variances of slack cables' forces by what signatures do not show: they may be taut.
+    def _hidden(self, values: Vector, shift: Vector) -> Vector:
+        """Variances by what signatures do not show: a cable that the model holds slack may be taut.
 
-        Their preloads are open by more than a unit, as after a break, or sensors read a tension.
+        Its preload is open by more than a unit, as after a break, or its sensors read a tension.
+        Beside changes that the file does not leave open its angles may be wrong: what any sensor on
+        its axes reads otherwise than the model is open then, and by a sensor whose cables are all
+        held slack, the other cables on these axes as well.
 
         Args:
-            expected: quantities of the group with what the sensors say, shape (columns,).
+            values: quantities of the group by the model, shape (columns,).
+            shift: of these by the beliefs.
         """
-        found, slopes = np.zeros(self.columns.size), self.slopes
-        parts, units = self._own.robot.parts, [one.unit for one in self.unknowns]
-        preloads = self._preloads.items()
-        slack = [(c, k) for c, k in preloads if slopes[k, parts[c]].mean() < SHOWN * units[k]]
-        stddev = self.beliefs.moments()[1] if slack else ()
-        for c, k in slack:
-            open_by = units[k] * stddev[k] if stddev[k] > 1.0 else 0.0
-            read_by = [
-                abs(read - expected[self.place[one.column]]) / one.scale * units[k] / PRELOAD.unit
-                for one, read in zip(self.beliefs.sensors, self._read, strict=True)
-                if self.cables[c] in one.cables
-            ]
-            found[self._cable_of == c] = max([open_by, *read_by]) ** 2
-        return found
+        changed = self.verdict is not None and bool(self.verdict.found)
+        expected, doubted = (values, self._beside) if changed else (values + shift, self._of)
+        slopes, parts = self.slopes, self._own.robot.parts
+        units = {c: self.unknowns[k].unit for c, k in self._preloads.items()}
+        slack = {
+            c for c, k in self._preloads.items() if slopes[k, parts[c]].mean() < SHOWN * units[c]
+        }
+        open_by = np.zeros(len(units) + 1)  # the last one is of efforts
+        if not slack:
+            return open_by[self._cable_of]
+        stddev = self.beliefs.moments()[1]
+        for c in slack:
+            open_by[c] = stddev[self._preloads[c]] if stddev[self._preloads[c]] > 1.0 else 0.0
+        for k, one in enumerate(self.beliefs.sensors):
+            off = abs(self._read[k] - expected[self.place[one.column]]) / (PRELOAD.unit * one.scale)
+            for c in doubted[k] if slack.issuperset(self._of[k]) else slack & doubted[k]:
+                open_by[c] = max(open_by[c], off)
+        found = np.square(open_by * [*units.values(), 0.0])
+        return found[self._cable_of]
 
     def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:
         """What the sensors say about the present, (B4).

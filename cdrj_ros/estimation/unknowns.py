@@ -84,7 +84,7 @@ MODE: Final = Kind("mode", "", 1.0, start=1.0)
 
 PRELOAD: Final = Kind(
     "preload", "preload of {}", 0.2, start=0.18, drift=0.01, jump=1.0, reported=0.25,
-    words=("N", 1.0), alike="preload of all cables",
+    words=("N", 1.0), alike="preload of all cables", lowest=-5.0,
 )  # fmt: skip
 """Cables settle by some percent after they are mounted, creep slowly, and slip at a clamp."""
 

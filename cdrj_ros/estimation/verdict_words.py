@@ -16,9 +16,6 @@ CLEAR: Final = 14.0
 LEAST_RATIO: Final = 0.01
 """Smallest ratio of a measured effort to the expected one that tells a scale."""
 
-OPPOSITE: Final = -1.0 - 1.0 / 3.0
-"""Change of all preloads, as a share, below which efforts have the wrong sign: no cable pushes."""
-
 SMALL_OR_LARGE: Final = 3.0
 """Factor up to which a wrong radius of a drum explains an effort as well as its scale."""
 
@@ -120,8 +117,6 @@ def _sentence(robot: Robot, found: Finding) -> str:
     more = found.amount > 0.0
     if one.kind == "zero":
         text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}; ~/tare"
-    elif one.kind == "preload" and one.unit == "%" and found.amount < 100.0 * OPPOSITE:
-        return _opposite(robot, [motor.name for motor in robot.motors])
     elif one.kind == "preload":
         file = [c.preload for c in robot.cables if one.what == f"preload of {c.name}"]
         of = "".join(f" of {preload:.4g} N" for preload in file)

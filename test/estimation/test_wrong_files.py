@@ -64,7 +64,10 @@ def test_of_what_sensors_show_of_a_wrong_file_nothing_is_sure_and_wrong(tool, k,
     assert tool.heard(model, read, truth, sensors).misleading <= 0.05
 
 
-@pytest.mark.parametrize(("zero", "cell"), [(-2.0, "upper/8"), (2.0, "lower/8")])
+@pytest.mark.parametrize(
+    ("zero", "cell"),
+    [(-2.0, "upper/8"), (2.0, "lower/8"), (-3.0, "upper/8"), (-3.0, "lower/8")],
+)
 def test_of_a_cable_without_load_cell_a_wrong_zero_leaves_nothing_sure_and_wrong(tool, zero, cell):
     """Its antagonist's cell shows that something is off, and a joint's zero changes both.
 
