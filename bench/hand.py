@@ -39,8 +39,7 @@ def hand_text(count: int) -> str:
     keys = ("motors", "joints", "frames", "cables")
     part = {"name": "finger", **{key: finger[key] for key in keys}, "used": used}
     hand = {"name": "hand", "friction": finger["friction"], "parts": [part]}
-    text: str = yaml.safe_dump(hand, sort_keys=False)
-    return text
+    return yaml.safe_dump(hand, sort_keys=False)
 
 
 def motion(model: Model, rate: int, frequency: float = 1.0) -> Samples:

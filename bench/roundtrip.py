@@ -118,8 +118,8 @@ def spin_until(executor: Any, condition: Callable[[], bool], process: Process) -
 class Caller:
     """Publishes one sample at a time and times the answers."""
 
-    def __init__(self, node: Any, executor: Any, namespace: str) -> None:
-        """Subscribe to the answers of the node in a namespace."""
+    def __init__(self, node: Any, executor: Any) -> None:
+        """Subscribe to the answers of the estimator."""
         from cdrj_msgs.msg import CableTensions, NodalForces
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import JointState
@@ -127,8 +127,8 @@ class Caller:
         self.executor, self.answers, self._answered_s = executor, 0, 0.0
         self.last_ns = self.backwards = 0
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-        self._joints, self.motors = (
-            node.create_publisher(JointState, f"/{namespace}/{topic}", qos)
+        self._joints, self._motors = (
+            node.create_publisher(JointState, f"/cdrj/{topic}", qos)
             for topic in ("joint_states", "motor_states")
         )
 
@@ -146,12 +146,12 @@ class Caller:
         topics = {"tensions": on_tensions, "nodal_forces": on_others, "efforts": on_others}
         kinds = (CableTensions, NodalForces, JointState)
         for (topic, callback), kind in zip(topics.items(), kinds, strict=True):
-            node.create_subscription(kind, f"/{namespace}/{topic}", callback, qos, raw=True)
-        self._publishers = lambda: [node.count_publishers(f"/{namespace}/{t}") for t in topics]
+            node.create_subscription(kind, f"/cdrj/{topic}", callback, qos, raw=True)
+        self._publishers = lambda: [node.count_publishers(f"/cdrj/{t}") for t in topics]
 
     def is_connected(self) -> bool:
         """Whether publishers and subscriptions are matched in both directions."""
-        told = (one.get_subscription_count() for one in (self._joints, self.motors))
+        told = (one.get_subscription_count() for one in (self._joints, self._motors))
         return all(told) and all(self._publishers())
 
     def trip(self, joint: bytes, motor: bytes) -> float:
@@ -159,7 +159,7 @@ class Caller:
         awaited = self.answers + 1
         begin = self._answered_s = perf_counter()
         self._joints.publish(joint)
-        self.motors.publish(motor)
+        self._motors.publish(motor)
         while self.answers < awaited and perf_counter() - begin < HELD_S:
             self.executor.spin_once(timeout_sec=HELD_S)
         return self._answered_s - begin
@@ -191,7 +191,7 @@ def processor_time(process: int) -> float:
     return sum(1e-9 * int((task / "schedstat").read_text().split()[0]) for task in tasks)
 
 
-def messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Messages:
+def _messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Messages:
     """Readings played again and again."""
     joint = Template(JOINT_STATE, layout.joints, ("position",))
     motor = Template(JOINT_STATE, layout.motors, ("position",))
@@ -200,15 +200,23 @@ def messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Me
         yield joint.encode(stamp, position=moved), motor.encode(stamp, position=turned)
 
 
+@contextmanager
+def called(
+    robot: Path, model: Model, motors: Table, joints: Table, period_ns: int
+) -> Iterator[Called]:
+    """An estimator with a caller that is connected to it and has readings for every period."""
+    with listening("caller") as (node, executor), running(*estimator_command(robot)) as process:
+        caller = Caller(node, executor)
+        spin_until(executor, caller.is_connected, process)
+        yield Called(caller, _messages(model.layout, motors, joints, period_ns), process)
+
+
 def _turns(robot: Path, model: Model, motors: Table, joints: Table, period_ns: int) -> Turns:
     """Play readings to an estimator, one sample per period."""
-    with listening("caller") as (node, executor), running(*estimator_command(robot)) as process:
-        played = messages(model.layout, motors, joints, period_ns)
-        called = Called(Caller(node, executor, "cdrj"), played, process)
-        spin_until(executor, called.caller.is_connected, process)
+    with called(robot, model, motors, joints, period_ns) as node:
         gc.collect()
         gc.disable()
-        turns = [called.turn(period_ns * 1e-9) for _ in range(BLOCKS + 1)][1:]
+        turns = [node.turn(period_ns * 1e-9) for _ in range(BLOCKS + 1)][1:]
         gc.enable()
     trips, used = zip(*turns, strict=True)
     return np.array(trips), np.array(used) / (TRIPS * period_ns * 1e-9)

@@ -75,19 +75,16 @@ def evaluating(poses: NDArray[np.float64]) -> Callable[[], None]:
     return evaluated
 
 
-def _running(model: Model, motion: Samples, times: int) -> Callable[[], None]:
-    def repeated() -> None:
-        for _ in range(times):
-            run(model, initial_state(model), motion)
-
-    return repeated
+def _run_often(model: Model, motion: Samples, times: int) -> None:
+    for _ in range(times):
+        run(model, initial_state(model), motion)
 
 
 def divided(whole: Model, motion: Samples) -> list[Row]:
     """Time per pulley and sample [ns] where pulleys are divided into contact cells."""
     models = [prepare(divide_contacts(whole.robot, cells)) for cells in CELLS]
     repeats = [max(1, 200 // cells) for cells in CELLS]
-    runs = [_running(model, motion, n) for model, n in zip(models, repeats, strict=True)]
+    runs = [partial(_run_often, model, motion, n) for model, n in zip(models, repeats, strict=True)]
     cost, names = [], []
     counts = [len(whole.layout.pulleys) * cells for cells in CELLS]
     taken = in_turn(DIVIDED_ROUNDS, *runs)

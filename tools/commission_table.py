@@ -17,7 +17,8 @@ is then judged on another motion.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -37,7 +38,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot, Winch
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
+from cdrj_ros.robot.tolerances import default_tolerances, within_range
 from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.drives import follow_joints
@@ -48,6 +49,7 @@ from cdrj_ros.simulation.truth import simulate
 ROOT = Path(__file__).resolve().parents[1]
 
 Vector = NDArray[np.float64]
+Read = tuple[Recorded, Truth]
 
 MISMATCHES: Final = 3
 SECONDS: Final = 60.0
@@ -77,37 +79,22 @@ def drawn(document: Any, seed: int) -> tuple[Any, list[str]]:
     generator = np.random.default_rng([seed, 7])
     causes = default_tolerances(document)
     while True:
-        truth, wrong = _draw(document, causes, generator)
+        chosen = [causes[k] for k in generator.choice(len(causes), MISMATCHES, replace=False)]
+        values: dict[str, float] = {}
+        for cause in chosen:
+            size = float(generator.standard_normal())
+            for path, stddev in cause.factor.items():
+                change = np.array([size * stddev])
+                values[path] = float(within_range(document, path, change)[0])
+        truth = with_numbers(document, values)
         try:
             prepare(build_robot(truth, "truth"))
         except RobotFileError:  # two pulleys overlap, for instance
             continue
-        return truth, wrong
+        return truth, [cause.what for cause in chosen]
 
 
-def _draw(
-    document: Any, causes: Sequence[Tolerance], generator: np.random.Generator
-) -> tuple[Any, list[str]]:
-    chosen = generator.choice(len(causes), MISMATCHES, replace=False)
-    values: dict[str, float] = {}
-    for k in chosen.tolist():
-        size = float(generator.standard_normal())
-        for path, stddev in causes[k].factor.items():
-            change = np.array([size * stddev])
-            values[path] = float(within_range(document, path, change)[0])
-    return with_numbers(document, values), [causes[k].what for k in chosen.tolist()]
-
-
-class Moved(NamedTuple):
-    """A motion of the truth."""
-
-    stamp_ns: NDArray[np.int64]
-    truth: Truth
-    motors: dict[str, Series]
-    joints: dict[str, Series]
-
-
-def moved(robot: Robot, seed: int) -> Moved:
+def moved(robot: Robot, seed: int) -> Read:
     """A random motion over most of the joints' ranges, and what the encoders read."""
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
     if len(robot.joints) == 1:
@@ -130,8 +117,8 @@ def moved(robot: Robot, seed: int) -> Moved:
     return _read(robot, time, joints, motors)
 
 
-def _read(robot: Robot, time: Vector, joints: Vector, motors: Vector) -> Moved:
-    """The truth of a motion, and the readings of all encoders."""
+def _read(robot: Robot, time: Vector, joints: Vector, motors: Vector) -> Read:
+    """The readings of all encoders in a motion, and its truth."""
     truth = simulate(robot, time, joints, motor_angle=motors, allow_slack=True)
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
     found: list[dict[str, Series]] = []
@@ -142,14 +129,14 @@ def _read(robot: Robot, time: Vector, joints: Vector, motors: Vector) -> Moved:
             count = axis.sensor.resolution or 1e-5
             own[axis.name] = Series(stamps, stamps, np.round(reading / count) * count)
         found.append(own)
-    return Moved(stamps, truth, *found)
+    return Recorded("motion", *found, {}), truth
 
 
 def recordings(robot: Robot, seed: int) -> Iterator[Recorded]:
     """In motion with efforts; the same with the load cells of the first two cables, too."""
     generator = np.random.default_rng([seed, 8])
-    motion = moved(robot, seed)
-    at = np.ascontiguousarray(motion.stamp_ns[::2])
+    motion, truth = moved(robot, seed)
+    at = np.ascontiguousarray(stamps_of(motion)[::2])
     layout = prepare(robot).layout
 
     def heard(column: Vector, noise: float) -> Series:
@@ -157,17 +144,17 @@ def recordings(robot: Robot, seed: int) -> Iterator[Recorded]:
 
     references = {
         f"effort/{name}": heard(column, EFFORT_NOISE[robot.name])
-        for name, column in zip(layout.motors, motion.truth.motor_effort.T, strict=True)
+        for name, column in zip(layout.motors, truth.motor_effort.T, strict=True)
     }
-    yield Recorded("motion", motion.motors, motion.joints, dict(references))
+    yield replace(motion, references=dict(references))
     for cable in robot.cables[:2]:
         cell = cable.element_names[-1]
-        column = motion.truth.tension[:, layout.elements.index(cell)]
+        column = truth.tension[:, layout.elements.index(cell)]
         references[f"tension/{cell}"] = heard(column, CELL_NOISE)
-    yield Recorded("cells", motion.motors, motion.joints, references)
+    yield replace(motion, references=references)
 
 
-def in_poses(robot: Robot) -> tuple[Recorded, Truth]:
+def in_poses(robot: Robot) -> Read:
     """At rest in one pose after the other, where a spring scale can be read, and on the ways."""
     joints = robot.joints
     here = np.array([joint.reference_angle for joint in joints])
@@ -185,8 +172,7 @@ def in_poses(robot: Robot) -> tuple[Recorded, Truth]:
     angles = np.concatenate(parts)
     time = np.arange(len(angles)) / RATE
     motors = follow_joints(prepare(robot), angles).motor_angle
-    made = _read(robot, time, angles, motors)
-    return Recorded("poses", made.motors, made.joints, {}), made.truth
+    return _read(robot, time, angles, motors)
 
 
 def scale_read(
@@ -207,6 +193,11 @@ def scale_read(
     return found
 
 
+def stamps_of(recorded: Recorded) -> NDArray[np.int64]:
+    """Of all readings [ns]."""
+    return next(iter(recorded.motors.values())).stamp_ns
+
+
 class Figures(NamedTuple):
     """How a file does on another motion."""
 
@@ -220,14 +211,16 @@ class Figures(NamedTuple):
     error: float
 
 
-def compared(model: Model, motion: Moved) -> Figures:
+def compared(model: Model, other: Read) -> Figures:
     """Estimates of another motion beside the truth."""
+    motion, truth = other
     conditioned = condition(model.robot, motion.motors, motion.joints)
     found: Estimates = estimate(model, conditioned, uncertainty=True)
     stamps = found.stamp_ns
-    late = stamps >= motion.stamp_ns[0] + round(START_S * 1e9)
-    true = np.stack([np.interp(stamps, motion.stamp_ns, column)
-                     for column in motion.truth.tension.T], axis=1)[late]  # fmt: skip
+    late = stamps >= stamps_of(motion)[0] + round(START_S * 1e9)
+    true = np.stack(
+        [np.interp(stamps, stamps_of(motion), column) for column in truth.tension.T], axis=1
+    )[late]
     elements = true.shape[1]
     values, stddev = found.values[late], found.stddev[late][:, :elements]
     error = np.abs(values[:, model.layout.tension] - true)

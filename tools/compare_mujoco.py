@@ -308,11 +308,8 @@ def moment_arms(mj: Any, data: Any) -> NDArray[np.float64]:
         return values.reshape(mj.ntendon, mj.nv)
     dense = np.zeros((mj.ntendon, mj.nv))
     sparse = mj if hasattr(mj, "ten_J_rownnz") else data  # MuJoCo moved them to the model
-    counts, starts = sparse.ten_J_rownnz, sparse.ten_J_rowadr
-    columns = np.ravel(sparse.ten_J_colind)
-    for row in range(mj.ntendon):
-        part = slice(starts[row], starts[row] + counts[row])
-        dense[row, columns[part]] = np.ravel(values)[part]
+    places = sparse.ten_J_rownnz, sparse.ten_J_rowadr, np.ravel(sparse.ten_J_colind)
+    load_mujoco().mju_sparse2dense(dense, np.ravel(values), *places)
     return dense
 
 

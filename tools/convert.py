@@ -56,7 +56,6 @@ import csv
 import json
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -170,8 +169,7 @@ def convert_continuum(data: Path, out: Path) -> str:
     return f"{bag.path}: {len(rows)} images, {seconds:.0f} s, {misread} misreadings"
 
 
-Runs, Convert = Callable[[Path], list[Path]], Callable[[Path, Path], str]
-SOURCES: dict[str, tuple[Runs, Convert]] = {
+SOURCES = {
     "davinci": (davinci_runs, convert_davinci),
     "continuum": (continuum_runs, convert_continuum),
 }

@@ -32,7 +32,9 @@ sys.path.insert(0, str(ROOT / "test"))
 from support.browser import chromium  # noqa: E402
 
 import cdrj_ros as cdrj  # noqa: E402
+from cdrj_ros.model.prepared import robot_path  # noqa: E402
 from cdrj_ros.recordings.writer import BagWriter  # noqa: E402
+from cdrj_ros.robot.writer import exact_copy  # noqa: E402
 
 README = ROOT / "README.md"
 MEASURED = ROOT / "docs" / "demo.json"
@@ -108,9 +110,7 @@ def known() -> str:
 
 def record_wrist(bag: Path) -> str:
     """Write a bag of the wrist: it pitches, and its jaws close on something; returns its file."""
-    text = (ROOT / "config" / "robots" / "wrist.yaml").read_text()
-    robot = bag.parent / "wrist.yaml"
-    robot.write_text(f"{text}\nuncertainty: {{others: exact}}\n")
+    robot = exact_copy(robot_path("wrist"), bag.parent)
     model = cdrj.load(robot)
     seconds = np.arange(0.0, 2.0 * PERIOD_S, 0.002)
     phase = 2.0 * np.pi * seconds / PERIOD_S
@@ -134,7 +134,6 @@ def shown(folder: Path, bag: Path, robot: str) -> Iterator[str]:
     """Run `view` on a bag; yields the page's address, where the recording is paused."""
     command = [sys.executable, "-m", "cdrj_ros.commands.view", str(bag), "--robot", robot]
     process = subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
     try:
         line = process.stdout.readline()
         if not line.startswith("view: "):

@@ -89,15 +89,10 @@ system)
         pip_install -c $as_on_system -r requirements/build.txt -r requirements/runtime.txt \
         -r requirements/dev.txt
     ;;
-bench)
+bench | docs)
     if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
-    stage $log "Installing the software that the benchmark compares with" \
-        pip_install -c $pinned -r requirements/mujoco.txt
-    ;;
-docs)
-    if [[ -e $as_on_system ]]; then pinned=$as_on_system; fi
-    stage $log "Installing what builds the documentation" \
-        pip_install -c $pinned -r requirements/docs.txt
+    case $1 in bench) needed=mujoco ;; *) needed=docs ;; esac
+    stage $log "Installing what \`make $1\` needs" pip_install -c $pinned -r requirements/$needed.txt
     ;;
 *) refuse "tools/setup_venv.sh wheels, system, bench or docs; not '$1'" ;;
 esac

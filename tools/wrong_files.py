@@ -193,7 +193,6 @@ def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
     ensemble = Ensemble(model, known=known)
     estimates = ensemble.follow(read, run(model, initial_state(model), read)[1])
     stddev = estimates.stddev
-    assert stddev is not None
     elements = len(model.layout.elements)
     for values, sigma in zip(estimates.values, stddev, strict=True):
         mark_unsure(model.core, values, sigma, 0.1, NO_DOUBTS)
@@ -282,7 +281,6 @@ def heard(model: Model, read: Samples, sensed: Truth, sensors: Sequence[str]) ->
             cells = sensed.tension[k, LAST] + generator.normal(0.0, CELL_NOISE, len(names))
             live.feed_tensions(stamp, names, cells, [CELL_NOISE] * len(names))
         estimate = live.take(Sample(stamp, read.motor_angle[k], read.joint_angle[k]))
-        assert estimate.stddev is not None
         error = np.abs(estimate.tension - sensed.tension[k])
         inside.append(error <= 2.0 * estimate.stddev[: error.size])
         ok.append(np.asarray(estimate.status) == OK)

@@ -1,20 +1,19 @@
 """``commission``: what its steps bring for robots that differ from their file."""
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import yaml
+from support.compared import covered, each
 from support.places import PROTOTYPE, ROBOT
 from truth import scenes
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_judged import foretold, judged
-from cdrj_ros.estimation.conditioner import condition
-from cdrj_ros.evaluation.estimating import estimate
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.recordings.recording import Topics
@@ -64,17 +63,6 @@ def write(path, stamps, readings, effort=None, cell=None):
     return str(path)
 
 
-def covered(model, stamps, motors, joints, tension):
-    """Share of true tensions within two standard deviations, after the first fifth."""
-    series = [{name: Series(stamps, stamps, np.ascontiguousarray(read)) for name, read in
-               axes.items()} for axes in (motors, joints)]  # fmt: skip
-    found = estimate(model, condition(model.robot, *series), uncertainty=True)
-    late = found.stamp_ns > stamps[len(stamps) // 5]
-    true = np.stack([np.interp(found.stamp_ns, stamps, one) for one in tension.T], axis=1)[late]
-    error = np.abs(found.values[late][:, model.layout.tension] - true)
-    return float(np.mean(error <= 2.0 * found.stddev[late][:, : true.shape[1]]))
-
-
 def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path, capsys):
     robot, out = tmp_path / "robot.yaml", tmp_path / "commissioned.yaml"
     fresh = with_section(PROTOTYPE.read_text(encoding="utf-8"), "uncertainty", None)
@@ -112,9 +100,9 @@ def test_every_measurement_of_the_prototype_brings_it_nearer_to_ok(tmp_path, cap
     assert origin["cables.upper.preload"] == "fit to motion, cells"
     other, wanted, read = moved(2)
     model = prepare(build_robot(load_document(out)[0], str(out)))
-    inside = covered(model, other, {"winch": read["winch"]}, {"elbow": read["elbow"]},
-                     wanted.tension)  # fmt: skip
-    assert inside > 0.95
+    motion = Recorded("other", each(other, {"winch": read["winch"]}),
+                      each(other, {"elbow": read["elbow"]}), {})  # fmt: skip
+    assert covered(model, motion, wanted.tension) > 0.95
 
 
 def test_a_calliper_measures_all_drums_of_a_motor_and_recordings_are_foretold():
@@ -155,30 +143,31 @@ def test_a_robot_in_space_whose_encoder_is_off_gets_an_ok_that_holds():
     generator = np.random.default_rng(0)
     stamps = EPOCH_NS + np.round(scene.time * 1e9).astype(np.int64)
     (motor,), (cable,) = scene.robot.motors, scene.robot.cables
-    motors = {motor.name: truth.motor[:, 0]}
-    joints = {one.name: angle for one, angle in zip(scene.robot.joints, read.T, strict=True)}
+    motors = each(stamps, {motor.name: truth.motor[:, 0]})
+    joints = each(stamps, dict(zip((one.name for one in scene.robot.joints), read.T, strict=True)))
     noise = generator.normal(0.0, (0.02, 0.1), (stamps.size, 2)).T
-    references = {
-        f"effort/{motor.name}": Series(stamps, stamps, truth.motor_effort[:, 0] + noise[0]),
-        f"tension/{cable.element_names[-1]}": Series(
-            stamps, stamps, truth.tension[:, -1] + noise[1]
-        ),
-    }
+    references = each(
+        stamps,
+        {
+            f"effort/{motor.name}": truth.motor_effort[:, 0] + noise[0],
+            f"tension/{cable.element_names[-1]}": truth.tension[:, -1] + noise[1],
+        },
+    )
 
-    def series(angles, rest):
-        return {name: Series(stamps, stamps, np.full(stamps.size, one[0]) if rest else one.copy())
+    def still(angles):
+        return {name: replace(one, value=np.full(stamps.size, one.value[0]))
                 for name, one in angles.items()}  # fmt: skip
 
     now = steps.begin(yaml.safe_dump(document, sort_keys=False), "test")
     before = judged(now.model)
-    now = now.also(rest=Recorded("rest", series(motors, True), series(joints, True), {}))
+    now = now.also(rest=Recorded("rest", still(motors), still(joints), {}))
     now = now.also(preload=[{"cable": 40.8}])
-    motion = Recorded("motion", series(motors, False), series(joints, False), references)
+    motion = Recorded("motion", motors, joints, references)
     now = now.also(motion=[motion])
     after = judged(now.model)
     assert before.ok < 0.1
     assert after.ok > 0.8
-    assert covered(now.model, stamps, motors, joints, truth.tension) > 0.95
+    assert covered(now.model, motion, truth.tension) > 0.95
     found = now.fits[0].found
     names = [unknown.name for unknown in found.unknowns]
     k = names.index("joints.swing.offset (+1)")

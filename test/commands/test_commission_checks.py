@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from support.compared import each
 from support.fingers import finger, hand
 
 from cdrj_ros.commands import commission
@@ -12,7 +13,6 @@ from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unmoved
 from cdrj_ros.commands.commission_judged import Judged
 from cdrj_ros.estimation.estimator import Samples
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.poses import rest_poses
@@ -41,10 +41,10 @@ def pulled(first, second, sign=-1.0):
     stamps = EPOCH_NS + 5_000_000 * np.arange(400)
     swing = 0.1 * np.sin(np.arange(400) / 30.0)
     efforts = {
-        f"effort/a_motor{k}": Series(stamps, stamps, sign * RADIUS * (tension + swing))
+        f"effort/a_motor{k}": sign * RADIUS * (tension + swing)
         for k, tension in enumerate((first, second))
     }
-    return Recorded("motion", {}, {}, efforts)
+    return Recorded("motion", {}, {}, each(stamps, efforts))
 
 
 def test_readings_of_two_cables_that_were_swapped_are_named():
@@ -61,8 +61,7 @@ def test_readings_of_two_cables_that_were_swapped_are_named():
     noise = np.random.default_rng(0).normal(0.0, 0.002, truth.motor_effort.shape)
 
     def series(names, columns):
-        table = zip(names, np.ascontiguousarray(columns.T), strict=True)
-        return {name: Series(stamps, stamps, column) for name, column in table}
+        return each(stamps, dict(zip(names, columns.T, strict=True)))
 
     axes = [f"a_motor{k}" for k in range(3)]
     efforts = series([f"effort/{name}" for name in axes], truth.motor_effort + noise)
@@ -93,7 +92,7 @@ def test_a_joint_that_hardly_moves_in_a_motion_is_named():
     robot = hand(finger("a"))
     angle = 0.5 + 0.4 * np.sin(np.arange(400) / 30.0)
     stamps = EPOCH_NS + 5_000_000 * np.arange(400)
-    joints = {"a_mcp": Series(stamps, stamps, angle), "a_pip": Series(stamps, stamps, 0.1 * angle)}
+    joints = each(stamps, {"a_mcp": angle, "a_pip": 0.1 * angle})
     found = unmoved(robot, Recorded("motion", {}, joints, {}))
     assert found == pytest.approx({"a_pip": 0.08}, abs=1e-3)
 

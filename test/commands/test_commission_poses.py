@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from support.compared import covered, each
 from support.places import PROTOTYPE
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.commands.commission_judged import judged
-from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.evaluation.estimating import estimate
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.entries import fitted_numbers, uncertainty_section
 from cdrj_ros.identification.fit import Identification
@@ -65,7 +63,7 @@ COURSE = (0.0, -32.0, -32.0, 32.0, 32.0, *(-32.0, 32.0) * 4, 0.0, 0.0)
 
 def series(name, angle):
     stamps = EPOCH_NS + np.round(np.arange(len(angle)) / RATE * 1e9).astype(np.int64)
-    return {name: Series(stamps, stamps, np.ascontiguousarray(angle))}
+    return each(stamps, {name: angle})
 
 
 @cache
@@ -109,16 +107,6 @@ def scale_readings(tension=None):
     return found
 
 
-def covered(model, recorded, tension):
-    """Share of true tensions within two standard deviations."""
-    found = estimate(
-        model, condition(model.robot, recorded.motors, recorded.joints), uncertainty=True
-    )
-    late = slice(len(tension) // 5, None)
-    error = np.abs(found.values[:, model.layout.tension] - tension)[late]
-    return float(np.mean(error <= 2.0 * found.stddev[late, : tension.shape[1]]))
-
-
 def test_readings_in_three_poses_show_the_radius_and_bring_an_ok_that_holds():
     recorded, _ = rig(COURSE)
     tared = steps.begin(FRESH, str(PROTOTYPE)).also(rest=recorded)
@@ -155,7 +143,7 @@ def test_a_motion_that_the_model_explains_less_well_takes_nothing_from_the_readi
     stamps = other.motors["winch"].stamp_ns
     noise = np.random.default_rng(2).normal(0.0, 0.02, stamps.size)
     effort = truth.motor_effort[:, 0] + 0.05 * np.sin(stamps * 1e-9) + noise
-    references = {"effort/winch": Series(stamps, stamps, effort)}
+    references = each(stamps, {"effort/winch": effort})
     after = before.also(motion=[replace(other, references=references)])
     (fit,) = after.fits
     assert {one.drums for one in fit.found.drums.values()} == {"hold"}

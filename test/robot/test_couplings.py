@@ -131,25 +131,6 @@ def test_tensions_are_those_of_the_measured_robot_and_the_efforts_do_the_same_wo
     )  # fmt: skip
 
 
-def test_a_joint_that_follows_one_and_the_multiplier_of_its_frame_are_the_same():
-    head = """
-name: x
-motors: []
-joints: [{name: a, range: [-1, 1]}%s]
-frames: [{name: f, motion: revolute, joint: %s, origin: [0.1, 0, 0]%s}]
-cables:
-  - {name: c, axial_stiffness: 1e4, preload: 5, nodes: [
-      {type: anchor, position: [0, 0.1, 0]}, {type: anchor, frame: f, position: [0.1, 0, 0.1]}]}
-"""
-    one = head % (", {name: b, coupled: {a: -0.5}, offset: 0.25}", "b", "")
-    other = head % ("", "a", ", multiplier: -0.5, offset: 0.25")
-    models = [prepare(parse_robot(text)) for text in (one, other)]
-    for angle in np.linspace(-1.0, 1.0, 9):
-        found = [shape_at(model, np.array([angle])) for model in models]
-        np.testing.assert_array_equal(found[0].length, found[1].length)
-        np.testing.assert_array_equal(found[0].lever_arm, found[1].lever_arm)
-
-
 def test_a_slide_that_is_coupled_to_a_hinge_leaves_it_a_hinge(coupled):
     assert coupled.robot.prismatic_joints == frozenset()
 

@@ -119,21 +119,6 @@ def imported(xml, folder, *more):
     return prepare(load_robot(out), check_range=False)
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_lengths_and_moment_arms_are_those_of_mujoco(name, tmp_path):
-    path = tmp_path / "model.xml"
-    path.write_text(MODELS[name])
-    found = COMPARING.compare(path, POSES)
-    assert found.compared == found.tendons
-    assert found.touched >= 1
-    assert found.impossible == 0
-    assert found.length <= 1e-9
-    assert found.arm <= 1e-7
-    remarks = COMPARING.read_mjcf(path).remarks
-    foreign = [one for one in remarks if one.startswith("beside passes outside ball")]
-    assert len(foreign) == (MODELS[name] is ARM)
-
-
 FINGER = """
 <mujoco model="finger">
   <worldbody>
@@ -180,6 +165,24 @@ FINGER = """
   </actuator>
 </mujoco>
 """  # noqa: E501
+
+
+MODELS["springs and couplings"] = FINGER
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_lengths_and_moment_arms_are_those_of_mujoco(name, tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(MODELS[name])
+    found = COMPARING.compare(path, POSES)
+    assert found.compared == found.tendons
+    assert found.touched >= 1
+    assert found.impossible == 0
+    assert found.length <= 1e-9
+    assert found.arm <= 1e-7
+    remarks = COMPARING.read_mjcf(path).remarks
+    foreign = [one for one in remarks if one.startswith("beside passes outside ball")]
+    assert len(foreign) == (MODELS[name] is ARM)
 
 
 def test_motors_springs_and_couplings_are_those_of_the_model(tmp_path, capsys):
@@ -269,15 +272,6 @@ def test_a_finger_of_metres_with_cables_of_millimetres_is_asked_for_its_unit(
 def test_cables_that_are_thick_as_well_are_asked_for_their_unit(tmp_path, capsys):
     imported(larger(FINGER, 10).replace("<spatial ", '<spatial width="0.03" '), tmp_path)
     assert "60 mm thick: are all lengths of the model in m?" in capsys.readouterr().out
-
-
-def test_lengths_and_arms_with_couplings_are_those_of_mujoco(tmp_path):
-    path = tmp_path / "finger.xml"
-    path.write_text(FINGER)
-    found = COMPARING.compare(path, 300)
-    assert found.compared == found.tendons == 5
-    assert found.length <= 1e-9
-    assert found.arm <= 1e-7
 
 
 HELD = """
@@ -534,19 +528,6 @@ def test_names_that_would_be_alike_are_told_apart(tmp_path, capsys):
     assert follower["coupled"] == {"m_cp": 0.7}
     said = capsys.readouterr().out
     assert "each once: m cp is m_cp, m_cp is m_cp_2, mcp is mcp_2" in said
-
-
-@pytest.mark.parametrize(("scale", "doubted"), [(1.0, False), (100.0, True), (1000.0, True)])
-def test_a_model_whose_lengths_are_not_in_metres_is_suspected(scale, doubted, tmp_path, capsys):
-    imported(
-        '<mujoco><worldbody><site name="a"/><body><joint name="j" range="0 1"/>'
-        f'<geom size="{0.01 * scale}"/><site name="b" pos="{0.11 * scale} 0 0"/></body></worldbody>'
-        '<tendon><fixed name="far"><joint joint="j" coef="1e9"/></fixed><spatial name="t">'
-        '<site site="a"/><site site="b"/></spatial></tendon></mujoco>',
-        tmp_path,
-    )
-    said = f"tendon t is {0.11 * scale:.3g} m long and 6 mm thick: are all lengths of the model"
-    assert (said in capsys.readouterr().out) == doubted
 
 
 MISTAKES = {

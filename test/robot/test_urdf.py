@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.followers import assert_same_tensions_and_work
 from support.places import ROBOTS
 from support.refusal import refusal
 
@@ -128,21 +127,6 @@ def test_a_chain_of_mimics_is_the_robot_whose_joints_stand_where_it_puts_them(ki
         if angle == 0.0:
             length = shape_at(still, np.empty(0)).length
             np.testing.assert_allclose(length, expected.length, rtol=1e-12)
-
-    def follow(angles):
-        two = 0.5 * angles[0] + 0.1
-        return np.array([angles[0], two, -0.4 * two + 0.2])
-
-    rest = ON_CHAIN.replace("JOINTS", "one, two, three").replace(
-        "motors: []",
-        "motors: []\njoints: [{name: two, range: [-1, 1], reference_angle: 0.1},"
-        " {name: three, range: [-1, 1], reference_angle: 0.16}]",
-    )
-    every = prepare(robot(tmp_path, rest, measured))
-    names = [joint.name for joint in every.robot.joints]
-    order = [("one", "two", "three").index(name) for name in names]
-    motion = 0.1 * np.sin(0.05 * np.arange(200))[:, None]
-    assert_same_tensions_and_work(led, every, lambda angles: follow(angles)[order], motion)
 
 
 def test_a_ring_of_mimics_is_refused_by_name(tmp_path):

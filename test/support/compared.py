@@ -1,18 +1,44 @@
-"""Comparison of estimates that are there as a whole."""
+"""Series of readings, and comparison of estimates that are there as a whole."""
 
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.evaluation.channels import Angle, Channel
 from cdrj_ros.evaluation.comparison import Comparing
-from cdrj_ros.foundation.arrays import Series
+from cdrj_ros.evaluation.estimating import estimate
+from cdrj_ros.foundation.arrays import Series, Table
+from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.model.prepared import Model
 
 
 def series_of(stamp_ns: ArrayLike, values: ArrayLike) -> Series:
     stamps = np.asarray(stamp_ns, np.int64)
-    return Series(stamps, stamps, np.asarray(values, np.float64))
+    return Series(stamps, stamps, np.ascontiguousarray(values, np.float64))
+
+
+def each(stamp_ns: ArrayLike, columns: Mapping[str, ArrayLike]) -> dict[str, Series]:
+    """Columns that were read at the same times."""
+    return {name: series_of(stamp_ns, values) for name, values in columns.items()}
+
+
+def covered(model: Model, recorded: Recorded, tension: Table) -> float:
+    """Share of true tensions within two standard deviations, after the first fifth.
+
+    Args:
+        model: the robot as its file says.
+        recorded: readings of the encoders.
+        tension: of all elements at the stamps of the motors [N].
+    """
+    stamps = next(iter(recorded.motors.values())).stamp_ns
+    conditioned = condition(model.robot, recorded.motors, recorded.joints)
+    found = estimate(model, conditioned, uncertainty=True)
+    late = found.stamp_ns > stamps[len(stamps) // 5]
+    true = np.stack([np.interp(found.stamp_ns, stamps, one) for one in tension.T], axis=1)[late]
+    error = np.abs(found.tension[late] - true)
+    return float(np.mean(error <= 2.0 * found.tension_stddev[late]))
 
 
 def compare(

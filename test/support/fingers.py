@@ -6,12 +6,12 @@ import numpy as np
 import yaml
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
+from support.compared import each
 
 
 def finger(name: str, parent: str = "base", cables: int = 2) -> dict[str, list[Any]]:
@@ -85,10 +85,9 @@ def recorded(robot: Robot) -> Recorded:
     efforts = {}
     for motor, column in zip(robot.motors, values[:, model.layout.motor_effort].T, strict=True):
         noise = np.random.default_rng(sum(map(ord, motor.name))).normal(0.0, 0.005, time.size)
-        efforts[f"effort/{motor.name}"] = Series(STAMPS, STAMPS, column + noise)
+        efforts[f"effort/{motor.name}"] = column + noise
     motors, joints = (
-        {axis.name: Series(STAMPS, STAMPS, np.ascontiguousarray(column))
-         for axis, column in zip(axes, table.T, strict=True)}
+        each(STAMPS, dict(zip((axis.name for axis in axes), table.T, strict=True)))
         for axes, table in ((robot.motors, samples.motor_angle), (robot.joints, angles))
-    )  # fmt: skip
-    return Recorded("motion", motors, joints, efforts)
+    )
+    return Recorded("motion", motors, joints, each(STAMPS, efforts))
