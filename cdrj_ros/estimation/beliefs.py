@@ -84,18 +84,9 @@ class Beliefs:
         return mean, float(np.sqrt(core.least_weights @ (variances + (means - mean) ** 2)))
 
     def probability_right(self, k: int) -> float:
-        """Probability that a sensor is right."""
-        return float(self.core.weight @ self.core.right[:, k])
-
-    def credibility(self, k: int) -> float:
-        """Probability that a sensor is right, or that the model is wrong instead.
-
-        Where several sensors are held wrong at once, the robot may as well differ from its file by
-        what no unknown contains.
-        """
-        core = self.core
-        several = np.count_nonzero(~core.right, axis=1) > 1
-        return float(core.weight @ (core.right[:, k] | several))
+        """Probability that a sensor is not the wrong one: what contradicts all is the model."""
+        alone = np.count_nonzero(~self.core.right, axis=1) == 1
+        return float(self.core.weight @ (self.core.right[:, k] | ~alone))
 
     def memory(self) -> dict[str, Any]:
         """What ``recall`` needs to go on, as JSON."""

@@ -254,7 +254,7 @@ class Group:
         core = self.beliefs.core
         heard = [
             Heard(
-                sensor, core.heard(k)[2], self.beliefs.credibility(k), self._parts[k],
+                sensor, core.heard(k)[2], self.beliefs.probability_right(k), self._parts[k],
                 *core.evidence(k, now_ns),
             )
             for k, sensor in enumerate(self.beliefs.sensors)

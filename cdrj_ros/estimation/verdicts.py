@@ -80,8 +80,8 @@ class Heard(NamedTuple):
     sensor: Sensor
     frozen: bool
     """Whether it repeats its readings while the estimate moves."""
-    credibility: float
-    """See ``Beliefs.credibility``."""
+    right: float
+    """See ``Beliefs.probability_right``."""
     parts: Table
     """See ``Sensor.parts_of``."""
     sums: Table
@@ -177,7 +177,7 @@ class Verdict:
     left: float = 0.0
     """Mean square of what the findings leave, in squares of the expected errors."""
     unexplained: float = 1.0
-    """The same, at least 1, with every sensor weighed by its credibility, (B7)."""
+    """The same, at least 1, with every sensor weighed by how probably it is right, (B7)."""
     explanations: tuple[Explanation, ...] = ()
     """By the findings, and by what would explain the readings as well; none if nothing that matters
     is found."""
@@ -234,8 +234,8 @@ def judge(
         one.sensor.name: (one.rms(float(one.sums[-1, -1])), one.rms(own))
         for one, own in zip(heard, squares, strict=True)
     }
-    independent = sum(one.credibility * one.number for one in heard)
-    weighed = sum(one.credibility * own for one, own in zip(heard, squares, strict=True))
+    independent = sum(one.right * one.number for one in heard)
+    weighed = sum(one.right * own for one, own in zip(heard, squares, strict=True))
     unexplained = max(1.0, weighed / max(independent, 1.0))
     opposite = tuple(one.sensor.name for one in heard if _is_opposite(one, unknowns))
     swapped = _swapped(heard)

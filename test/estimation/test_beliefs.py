@@ -88,7 +88,7 @@ def test_of_three_sensors_of_one_quantity_the_one_that_differs_is_wrong(wrong):
     assert stddev[0] < 1.0
 
 
-def test_sensors_that_are_all_wrong_are_as_credible_as_the_model():
+def test_what_contradicts_all_sensors_is_the_model():
     """Of two that contradict it and each other either may be right, or what they read of."""
     generator = np.random.default_rng(8)
     known = Beliefs(_unknowns(1))
@@ -98,8 +98,8 @@ def test_sensors_that_are_all_wrong_are_as_credible_as_the_model():
             value = 10.0 + off * np.sin(0.7 * k + one) + NOISE * generator.normal()
             _read(known, one, 0.1 * k, value, [0.01])
     for k in range(2):
-        assert known.probability_right(k) < 0.1
-        assert known.credibility(k) > 0.9
+        assert known.core.weight @ known.core.right[:, k] < 0.1
+        assert known.probability_right(k) > 0.9
 
 
 def test_what_a_single_sensor_has_corrected_stays_open_to_a_tenth():
