@@ -215,16 +215,22 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
     """Notes on cables whose recorded tensions are all larger or all smaller than estimated."""
     notes = []
     for cable in model.robot.cables:
-        ratios = [
-            float(np.sum(channel.reference) / np.sum(channel.estimate))
+        means = [
+            (float(np.mean(channel.reference)), float(np.mean(channel.estimate)))
             for channel in channels
             if channel.name.startswith(f"{TENSION}/{cable.name}/")
-            and np.sum(channel.estimate) > 0.0
-            and np.mean(np.abs([channel.reference, channel.estimate])) > cable.slack_tension
         ]
-        if not ratios:
+        slack = cable.slack_tension
+        recorded = [mean for mean, estimate in means if mean > slack >= estimate]
+        ratios = [mean / estimate for mean, estimate in means if estimate > slack]
+        if recorded:
+            notes.append(
+                f"Cable {cable.name} is slack by the estimates, where {max(recorded):.3g} N were "
+                "recorded: its preload, or zeros of joints? commission takes the tare."
+            )
+        elif not ratios:
             continue
-        if min(ratios) < 1.0 / NO_PRELOAD or max(ratios) > NO_PRELOAD:
+        elif min(ratios) < 1.0 / NO_PRELOAD or max(ratios) > NO_PRELOAD:
             notes.append(
                 f"Recorded tensions of cable {cable.name} are {np.mean(ratios):.3g} times the "
                 "estimates on average: another column, unit or sign?"

@@ -41,6 +41,17 @@ def test_an_effort_of_the_other_sign_is_answered_with_the_key(bag, tmp_path):
     assert note.endswith("times, effort_sign: +1 fits.")
 
 
+def test_a_cable_without_tension_by_a_wrong_zero_is_said_to_be_slack(bag, tmp_path):
+    """The extensor has 18 N and 2,000 N/rad at mcp; 2 degrees leave nothing of it."""
+    text = (ROBOTS / "finger.yaml").read_text("utf-8")
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(text.replace("name: mcp,", "name: mcp, offset_deg: -2,"), "utf-8")
+    (compared,) = cdrj.validate(wrong, bag, uncertainty=False).bags
+    notes = [note for note in compared.notes if note.startswith("Cable extensor is slack by ")]
+    assert len(notes) == 1
+    assert "where 18" in notes[0]
+
+
 def test_a_wrong_prefix_is_answered_with_the_one_that_fits(tmp_path):
     log = {"t": [0.0, 0.01], **{f"left_{k}": [0.0, 0.0] for k in range(5)}}
     motors = {f"left_{name}_motor": f"left_{k}" for k, name in enumerate(FLEXORS)}
