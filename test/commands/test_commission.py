@@ -253,7 +253,7 @@ def test_a_robot_of_a_urdf_is_commissioned_without_changing_the_urdf(tmp_path):
     assert not [path for path in numbers if path.startswith("frames.")]
 
 
-def chain_of(joints: int, max_speed: float) -> str:
+def chain_of(joints, max_speed):
     """A cable over some joints in a row, with all numbers exact."""
     names = [f"q{k}" for k in range(joints)]
     moved = ", ".join(f"{{joint: {name}, slope: 0.02}}" for name in names)

@@ -8,7 +8,7 @@ from support.places import ROBOT, SAMPLE
 
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import Estimate, Sample, initial_state, run, step
+from cdrj_ros.estimation.estimator import Sample, initial_state, run, step
 from cdrj_ros.evaluation.answers import AnotherRobotError, Answers, Run, Tally
 from cdrj_ros.evaluation.inputs import read_inputs
 from cdrj_ros.evaluation.metrics import errors_of
@@ -41,7 +41,7 @@ class Bench:
         self._encoder = EstimateEncoder(layout)
         self._hear = [self.run.listener(k) for k in range(3)]
         at = Sample(FIRST_NS, np.zeros(len(layout.motors)), np.zeros(len(layout.joints)))
-        self._estimate: Estimate = step(model, initial_state(model), at)[1]
+        self._estimate = step(model, initial_state(model), at)[1]
 
     def send(self, *numbers, motors=True, joints=True):
         for number in numbers:

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from model.reference_geometry import Geometry
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Cable, Winch
 
 Vector = NDArray[np.float64]
 
@@ -56,12 +55,12 @@ class Contacts:
     """Material by which the body's side of the contact moves in the sample [m], (E25)."""
 
 
-def in_cells(cable: Cable, values: Vector) -> Vector:
+def in_cells(cable, values):
     """Values of a cable's pulleys, shape (pulleys,), for each of their contact cells."""
     return np.repeat(values, [pulley.cells for pulley in cable.pulleys])
 
 
-def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector, shift: Vector) -> Contacts:
+def contacts(cable, wrap, lagged_speed, shift):
     """(37), (41), the blend, (E10) and (E28) for all contacts of a cable."""
     law, pulleys = cable.law, [pulley for pulley in cable.pulleys for _ in range(pulley.cells)]
     rigid = law in ("euler", "steady")
@@ -74,7 +73,7 @@ def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector, shift: Vector) ->
     ).reshape(-1, 2).T  # fmt: skip
     drag = [p.bearing_torque / p.radius if p.radius and law != "euler" else 0.0 for p in pulleys]
 
-    def constant(name: str, limit: float) -> Vector:
+    def constant(name, limit):
         return np.array([limit if rigid else getattr(f, name) for f in friction], float)
 
     return Contacts(
@@ -84,7 +83,7 @@ def contacts(cable: Cable, wrap: Vector, lagged_speed: Vector, shift: Vector) ->
     )  # fmt: skip
 
 
-def _losses(law: str, pulley: Pulley, wrap: float) -> tuple[float, float]:
+def _losses(law, pulley, wrap):
     """1 - eta of one cell of a pulley at high slip speed and at rest: equal parts of its wrap."""
     f, beta = pulley.friction, wrap
     rho, mu_s = (1.0, f.mu_c) if law == "euler" else (f.rho, f.mu_s)
@@ -105,7 +104,7 @@ def _losses(law: str, pulley: Pulley, wrap: float) -> tuple[float, float]:
     return 1 - (1 - fast) ** root, 1 - (1 - rest) ** root
 
 
-def bristle_force(c: Contacts, before: Vector, slip: Vector, bound: Vector) -> Vector:
+def bristle_force(c, before, slip, bound):
     """(33) or (E9), integrated over the slip at constant bound."""
     way = np.where(slip >= 0, 1.0, -1.0)
     x, f, sigma = way * slip, way * before, c.stiffness
@@ -126,12 +125,12 @@ def bristle_force(c: Contacts, before: Vector, slip: Vector, bound: Vector) -> V
 # --- one cable, sections 2 and 5 -----------------------------------------------------------------
 
 
-def strain_of(cable: Cable, t: float) -> float:
+def strain_of(cable, t):
     """(E21), for tensions of at least 0."""
     return t / cable.axial_stiffness + cable.bedding_strain * t / (t + cable.bedding_tension)
 
 
-def stiffened(cable: Cable, strain: Vector) -> Vector:
+def stiffened(cable, strain):
     """(E21) solved for the tension: the root of a quadratic equation that is not negative."""
     slack = strain * cable.bedding_tension / cable.axial_stiffness
     half = 0.5 * (strain - cable.bedding_strain - cable.bedding_tension / cable.axial_stiffness)
@@ -141,7 +140,7 @@ def stiffened(cable: Cable, strain: Vector) -> Vector:
     )
 
 
-def crept(cable: Cable, strain: Vector, delayed: Vector, dt: float) -> tuple[Vector, Vector]:
+def crept(cable, strain, delayed, dt):
     """(E24) at constant length: delayed strain, and unstretched length over that before."""
     c, tau = cable.creep_share, cable.creep_time
     state = np.stack([np.maximum(strain, 0), delayed])
@@ -154,7 +153,7 @@ def crept(cable: Cable, strain: Vector, delayed: Vector, dt: float) -> tuple[Vec
 
 
 @cache
-def _relaxed(share: float, times: float) -> Vector:
+def _relaxed(share, times):
     """Change of strain and delayed strain while an element relaxes, in times of its creep_time."""
     return np.asarray(expm(times * np.array([[-share, 1.0], [share, -1.0]])))
 
@@ -179,18 +178,18 @@ class Chain:
     """s_n of the sample: material onto the last node's drum [m]."""
     dt: float
 
-    def material(self, fluxes: Vector) -> Vector:
+    def material(self, fluxes):
         """(E2), with s from one sample to the next."""
         s = np.concatenate([[self.entered], fluxes, [self.left]])
         return np.asarray(self.before - np.diff(s))
 
-    def tension(self, fluxes: Vector) -> Vector:
+    def tension(self, fluxes):
         """(E1), or (E21)."""
         taut = np.maximum(self.length / self.material(fluxes) - 1.0, 0)
         return np.asarray(self.cable.axial_stiffness * taut if not self.cable.bedding_strain else
                           stiffened(self.cable, taut))  # fmt: skip
 
-    def friction(self, fluxes: Vector, t: Vector) -> tuple[Vector, Vector]:
+    def friction(self, fluxes, t):
         """Friction with its viscous parts, and the bristle force alone [N]; bound by (E8).
 
         ``t`` are the tensions with these fluxes; slip is against the body, (E25).
@@ -206,7 +205,7 @@ class Chain:
         rate = c.damping * c.share * (force - self.bristle) / (c.stiffness * self.dt)
         return force + rate + c.viscous * slips / self.dt, force
 
-    def imbalance(self, fluxes: Vector) -> float:
+    def imbalance(self, fluxes):
         """The largest of (E11) [N]."""
         t = self.tension(fluxes)
         return float(np.abs(np.diff(t) - self.friction(fluxes, t)[0]).max(initial=0.0))
@@ -229,7 +228,7 @@ class Drum:
     """[rad]."""
 
 
-def turn(drum: Drum, angle: float, rate: float) -> Drum:
+def turn(drum, angle, rate):
     """(E3): the last point is the present one; winding writes at ``rate``, unwinding reads."""
     if angle >= drum.angle[-1]:
         material = drum.material[-1] + rate * (angle - drum.angle[-1])
@@ -288,16 +287,7 @@ class Outputs:
     """Largest of every cable [N]."""
 
 
-def sample(
-    robot: Robot,
-    rest: Geometry,
-    pose: Geometry,
-    earlier: Geometry | None,
-    history: History | None,
-    angles: tuple[Vector, Vector],
-    slips: Vector,
-    dt: float,
-) -> tuple[History, Outputs]:
+def sample(robot, rest, pose, earlier, history, angles, slips, dt):
     """History and results of a sample; (E11) is evaluated, not solved.
 
     Args:
@@ -338,26 +328,26 @@ def sample(
     return after, _outputs(robot, pose, np.concatenate(tensions), speed, passive, residual)
 
 
-def parts(robot: Robot, c: int) -> tuple[slice, slice]:
+def parts(robot, c):
     """Elements and pulleys of cable c among all of the robot."""
     first = sum(len(cable.nodes) for cable in robot.cables[:c])
     n = len(robot.cables[c].nodes)
     return slice(first - c, first - c + n - 1), slice(first - 2 * c, first - 2 * c + n - 2)
 
 
-def rows(robot: Robot, c: int) -> tuple[slice, slice]:
+def rows(robot, c):
     """Segments and contacts of cable c among all of the robot."""
     counts = [sum(pulley.cells for pulley in cable.pulleys) for cable in robot.cables]
     first = sum(counts[:c])
     return slice(first + c, first + c + counts[c] + 1), slice(first, first + counts[c])
 
 
-def free_segments(cable: Cable) -> NDArray[np.intp]:
+def free_segments(cable):
     """The segment of a cable that holds the free length of every element."""
     return np.cumsum([0] + [pulley.cells for pulley in cable.pulleys])
 
 
-def segments(cable: Cable, length: Vector, arc: Vector) -> Vector:
+def segments(cable, length, arc):
     """Lengths between the middles of contacts [m], from those of elements and arcs.
 
     An arc consists of equal cells; between those of a body that the cable does not touch remains
@@ -377,7 +367,7 @@ def segments(cable: Cable, length: Vector, arc: Vector) -> Vector:
     return np.array(found)
 
 
-def _shift(robot: Robot, c: int, earlier: Geometry, pose: Geometry, stretch: Vector) -> Vector:
+def _shift(robot, c, earlier, pose, stretch):
     """(E25), (E26): material by which the middle of every contact moves along its body [m].
 
     Args:
@@ -396,16 +386,7 @@ def _shift(robot: Robot, c: int, earlier: Geometry, pose: Geometry, stretch: Vec
     return np.concatenate([*ways, np.zeros(0)]) / (0.5 * (stretch[:-1] + stretch[1:]))
 
 
-def _prepared(
-    robot: Robot,
-    c: int,
-    rest: Geometry,
-    pose: Geometry,
-    earlier: Geometry | None,
-    history: History | None,
-    motor: Vector,
-    dt: float,
-) -> tuple[Chain, list[Drum | None]]:
+def _prepared(robot, c, rest, pose, earlier, history, motor, dt):
     """A cable's chain and its turned drums; without a history, one tension throughout."""
     cable = robot.cables[c]
     elements, pulleys = parts(robot, c)
@@ -424,7 +405,7 @@ def _prepared(
         wrap = np.where(anew, 0.0, wrap)  # touched again: friction begins at the next sample
     lagged = history.lagged_speed[touching] if history else 0 * shift
     friction = contacts(cable, wrap, lagged, shift)
-    drums: list[Drum | None] = []
+    drums = []
     given = [0.0, 0.0]
     for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
         reel = node.reel if isinstance(node, Winch) else node.radius
@@ -459,9 +440,7 @@ def _prepared(
     return chain, drums
 
 
-def _axes(
-    robot: Robot, history: History | None, motor: Vector, joint: Vector
-) -> tuple[Vector, Vector, Vector]:
+def _axes(robot, history, motor, joint):
     """(E13): angles, friction torques and passive torques of motors and joints."""
     angle = np.concatenate([motor, joint])
     passive = [axis.passive for axis in robot.axes]
@@ -475,14 +454,12 @@ def _axes(
     return angle, bearing, -bearing - spring * (angle - rest)
 
 
-def _outputs(
-    robot: Robot, pose: Geometry, tension: Vector, speed: Vector, passive: Vector, residual: Vector
-) -> Outputs:
+def _outputs(robot, pose, tension, speed, passive, residual):
     """Nodal forces and their magnitudes (38), efforts (E12)."""
     names = [motor.name for motor in robot.motors]
     motor_effort, forces, magnitudes, frictions = np.zeros(len(names)), [], [], []
-    free: list[Vector] = []
-    speeds: list[np.floating] = []
+    free = []
+    speeds = []
     for c, cable in enumerate(robot.cables):
         elements, pulleys = parts(robot, c)
         t, beta = tension[rows(robot, c)[0]][free_segments(cable)], pose.wrap[pulleys]

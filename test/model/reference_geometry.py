@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.robot.description import Cable, Profile, Robot
-
 Vector = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -41,7 +39,7 @@ class Geometry:
     (2 cables,)."""
 
 
-def by_tables(robot: Robot, cable: Cable, q: Vector) -> Geometry:
+def by_tables(robot, cable, q):
     """Sums of functions of single joints, the arcs of (E6), and the middles of these arcs."""
     span, wrap = (part.real for part in _sums(robot, cable, q + 0j))
     radius = np.array([pulley.radius for pulley in cable.pulleys])
@@ -60,7 +58,7 @@ def by_tables(robot: Robot, cable: Cable, q: Vector) -> Geometry:
     return Geometry(length, arms, wrap, np.zeros((span.size, 3)), arcs, middle, ends, 0.0 * ends)
 
 
-def _free(robot: Robot, cable: Cable, q: Complex) -> Complex:
+def _free(robot, cable, q):
     """Free lengths if arcs did not grow: what is laid on comes off the moving end."""
     span, wrap = _sums(robot, cable, q)
     for k, pulley in enumerate(cable.pulleys):
@@ -71,18 +69,18 @@ def _free(robot: Robot, cable: Cable, q: Complex) -> Complex:
     return span
 
 
-def _sums(robot: Robot, cable: Cable, q: Complex) -> tuple[Complex, Complex]:
+def _sums(robot, cable, q):
     """Free lengths and wraps."""
     joints = {joint.name: k for k, joint in enumerate(robot.joints)}
 
-    def total(profiles: tuple[Profile, ...]) -> complex:
+    def total(profiles):
         return sum((tabled(p, q[joints[p.joint]] if p.joint else 0j) for p in profiles), 0j)
 
     span = np.array([total(span) for span in cable.spans])
     return span, np.array([total(pulley.wrap) for pulley in cable.pulleys], complex)
 
 
-def tabled(profile: Profile, q: complex) -> complex:
+def tabled(profile, q):
     """Cubic Hermite interpolation of values and slopes."""
     if profile.joint is None:
         return complex(profile.value[0])

@@ -10,21 +10,16 @@ the frames are complex steps.  Drums have no pitch (G10).  Speed does not matter
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from model.reference_geometry import STEP, Complex, Geometry, Vector, by_tables, tabled
+from model.reference_geometry import STEP, Geometry, Vector, by_tables, tabled
 from scipy.optimize import brentq
 
-from cdrj_ros.robot.description import Cable, Node, Pulley, Robot, Winch
-from cdrj_ros.robot.space import Place
+from cdrj_ros.robot.description import Winch
 
 Z = np.array([0.0, 0.0, 1.0])
 LEAST_SHARE = 1e-3
 """Least distance along a line of the nodes that it misses, as a share of the line, (G9)."""
-
-Poses = dict[str, tuple[Complex, Complex]]
-"""Rotation, by columns, and origin of every frame."""
 
 
 @dataclass(frozen=True)
@@ -49,17 +44,17 @@ class Contact:
 # --- frames, 13.1 --------------------------------------------------------------------------------
 
 
-def turned(axis: Vector | tuple[float, ...], angle: complex) -> Complex:
+def turned(axis, angle):
     """Rotation about an axis (Rodrigues)."""
     x, y, z = axis
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k)
 
 
-def frames(robot: Robot, q: Complex) -> Poses:
+def frames(robot, q):
     """Every frame in the base, parents first."""
     joints = [joint.name for joint in robot.joints]
-    found: Poses = {}
+    found = {}
     for frame in robot.frames:
         rotation, origin = np.reshape(frame.rotation, (3, 3)) + 0j, np.array(frame.origin) + 0j
         if frame.joint is not None:
@@ -80,7 +75,7 @@ def frames(robot: Robot, q: Complex) -> Poses:
     return found
 
 
-def own_axes(place: Place) -> Vector:
+def own_axes(place):
     """Unit vectors of a body's own axes in its frame, by columns; the last is its axis."""
     z = np.array(place.axis)
     x = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
@@ -92,25 +87,25 @@ def own_axes(place: Place) -> Vector:
 # --- shapes of nodes, 13.2 -----------------------------------------------------------------------
 
 
-def tangent(a: Vector, axis: Vector, r: float, sense: float) -> tuple[Vector, float]:
+def tangent(a, axis, r, sense):
     """(G2), (G4): normal where a line from a meets a circle, and its length."""
     line = np.sqrt(a @ a - r * r)
     return (r * a + sense * line * np.cross(axis, a)) / (a @ a), float(line)
 
 
-def angle(one: Vector, other: Vector, axis: Vector, sense: float) -> float:
+def angle(one, other, axis, sense):
     """From one vector to the other about an axis, in [0, 2 pi)."""
     found = sense * np.arctan2(axis @ np.cross(one, other), one @ other)
     return float(found % (2.0 * np.pi))
 
 
-def nearest(a: Vector, b: Vector) -> tuple[Vector, float]:
+def nearest(a, b):
     """Point of the line through a and b that is nearest to the centre, and its share of a to b."""
     share = -((b - a) @ a) / ((b - a) @ (b - a))
     return a + share * (b - a), float(share)
 
 
-def way_round(node: Node, a: Vector, b: Vector, axis: Vector, side: Vector) -> tuple[bool, float]:
+def way_round(node, a, b, axis, side):
     """Whether the cable touches a round body, and its sense about the axis."""
     place = node.place
     at = min(max(nearest(a, b)[1], 0.0), 1.0)
@@ -127,9 +122,7 @@ def way_round(node: Node, a: Vector, b: Vector, axis: Vector, side: Vector) -> t
     return through, shorter
 
 
-def arc(
-    node: Node, a: Vector, b: Vector, axis: Vector, sense: float
-) -> tuple[Vector, Vector, float, float, float]:
+def arc(node, a, b, axis, sense):
     """Normals of an arc in a plane through the centre, its angle and both free lengths."""
     first, before = tangent(a, axis, node.radius, sense)
     last, after = tangent(b, axis, node.radius, -sense)
@@ -137,7 +130,7 @@ def arc(
     return first, last, angle(first, last, axis, sense) + 2 * np.pi * turns, before, after
 
 
-def grooved(node: Node, a: Vector, b: Vector, near: float) -> Contact:
+def grooved(node, a, b, near):
     """A grooved pulley; ``near``: its wrap in the reference pose [rad]."""
     flat, sense = np.array([1.0, 1.0, 0.0]), float(node.place.turn)
     first, last, found, _, _ = arc(node, a * flat, b * flat, Z, sense)
@@ -147,7 +140,7 @@ def grooved(node: Node, a: Vector, b: Vector, near: float) -> Contact:
                    (first, last), n, sense * np.cross(Z, n))  # fmt: skip
 
 
-def cylinder(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
+def cylinder(node, a, b, side):
     """(G5), or (G6) where the cable runs through a ring."""
     flat = np.array([1.0, 1.0, 0.0])
     if node.place.inside:
@@ -165,7 +158,7 @@ def cylinder(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
     )  # fmt: skip
 
 
-def sphere(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
+def sphere(node, a, b, side):
     """A great circle."""
     axis = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
     if node.place.inside:
@@ -177,17 +170,15 @@ def sphere(node: Node, a: Vector, b: Vector, side: Vector) -> Contact:
                    (first, last), n, sense * np.cross(axis, n))  # fmt: skip
 
 
-def through_ring(
-    node: Node, a: Vector, b: Vector, axis: Vector, flat_a: Vector, flat_b: Vector
-) -> Contact:
+def through_ring(node, a, b, axis, flat_a, flat_b):
     """(G6): where the cable bends over the near side of a ring."""
     close, share = nearest(flat_a, flat_b)
     free = 0.0 < share < 1.0 and bool(np.linalg.norm(close) <= node.radius)
 
-    def out(by: float) -> Vector:
+    def out(by):
         return np.asarray(turned(axis, by).real @ close / np.linalg.norm(close))
 
-    def units(by: float) -> Vector:
+    def units(by):
         ways = [one - node.radius * out(by) for one in (flat_a, flat_b)]
         return np.sum([way / np.linalg.norm(way) for way in ways], axis=0)
 
@@ -200,7 +191,7 @@ def through_ring(
     return Contact(point, point, not free, 0.0, 0.0, (n, n), n, along, height)
 
 
-def swivel(node: Node, b: Vector) -> Contact:
+def swivel(node, b):
     """(G7): the cable enters along z at the origin."""
     out = np.array([b[0], b[1], 0.0]) / np.hypot(b[0], b[1])
     x, y, r = np.hypot(b[0], b[1]) - node.radius, b[2], node.radius
@@ -228,9 +219,9 @@ Paths = tuple[Path | None, ...]
 """Of all cables in one pose; None for those by tables."""
 
 
-def paths(robot: Robot, q: Vector, touches: Any, rest: Paths | None) -> Paths:
+def paths(robot, q, touches, rest):
     """Paths in a pose; ``touches``: those of the estimator, ``rest``: in the reference pose."""
-    found: list[Path | None] = []
+    found = []
     first = 0
     for c, cable in enumerate(robot.cables):
         own = touches[first : first + len(cable.nodes)]
@@ -241,7 +232,7 @@ def paths(robot: Robot, q: Vector, touches: Any, rest: Paths | None) -> Paths:
     return tuple(found)
 
 
-def path(robot: Robot, cable: Cable, q: Vector, touches: Any, rest: Path | None) -> Path:
+def path(robot, cable, q, touches, rest):
     """Points of contact, each from those of the neighbours, which are the estimator's.
 
     ``rest`` is the path in the reference pose, None for that pose itself.
@@ -283,7 +274,7 @@ def path(robot: Robot, cable: Cable, q: Vector, touches: Any, rest: Path | None)
     return Path(tuple(contacts), tuple(zip(angles, turns, strict=True)))
 
 
-def wound(node: Node, now: tuple[float, float], rest: Path, end: int) -> float:
+def wound(node, now, rest, end):
     """(G8): angle of cable that has come onto an end since the reference pose [rad]."""
     (angle_now, turn), (angle_then, turn_then) = now, rest.ends[end]
     grown = angle_now - angle_then + turn - turn_then
@@ -291,7 +282,7 @@ def wound(node: Node, now: tuple[float, float], rest: Path, end: int) -> float:
     return float(node.place.turn * grown * (-1.0 if end else 1.0))
 
 
-def frame_turn(robot: Robot, frame: str, q: Vector, axis: Vector) -> float:
+def frame_turn(robot, frame, q, axis):
     """Turn of a frame about an axis by all joints [rad]."""
     turn = 0.0
     for j in range(q.size):
@@ -301,25 +292,25 @@ def frame_turn(robot: Robot, frame: str, q: Vector, axis: Vector) -> float:
     return turn
 
 
-def stepped(q: Vector, j: int) -> Complex:
+def stepped(q, j):
     """Joint angles with an imaginary step of one."""
     moved = q + 0j
     moved[j] += 1j * STEP
     return moved
 
 
-def point(poses: Poses, frame: str, local: Complex | Vector | tuple[float, ...]) -> Complex:
+def point(poses, frame, local):
     """A point of a frame in the base [m]."""
     rotation, origin = poses[frame]
     return np.asarray(origin + rotation @ np.asarray(local))
 
 
-def bend(before: Vector, after: Vector) -> float:
+def bend(before, after):
     """Angle between two directions [rad]."""
     return float(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after))
 
 
-def elements(cable: Cable, found: Path) -> tuple[Vector, Vector]:
+def elements(cable, found):
     """Straight lengths [m] and directions of the elements; (G9) where a body is passed by."""
     contacts, last = found.contacts, len(cable.nodes) - 1
     length, direction = np.zeros(last), np.zeros((last, 3))
@@ -337,14 +328,14 @@ def elements(cable: Cable, found: Path) -> tuple[Vector, Vector]:
     return length, direction
 
 
-def arms(robot: Robot, cable: Cable, found: Path, q: Vector, direction: Vector) -> Vector:
+def arms(robot, cable, found, q, direction):
     """(G12): lever arms of the elements about the joints [m]; points rest in their bodies."""
     spots = [node.place for node in cable.nodes if node.place]
     poses, arm = frames(robot, q + 0j), np.zeros((len(spots) - 1, q.size))
     for j in range(q.size):
         moved = frames(robot, stepped(q, j))
 
-        def velocity(frame: str, at: Vector, moved: Poses = moved) -> Vector:
+        def velocity(frame, at, moved=moved):
             rotation, origin = poses[frame]
             local = rotation.real.T @ (at - origin.real)
             return np.asarray(point(moved, frame, local).imag / STEP)
@@ -357,7 +348,7 @@ def arms(robot: Robot, cable: Cable, found: Path, q: Vector, direction: Vector) 
     return arm
 
 
-def geometry(robot: Robot, q: Vector, now: Paths, rest: Paths) -> Geometry:
+def geometry(robot, q, now, rest):
     """All cables of a robot; ``middle`` of cables by positions is left at 0, see ``moved``."""
     parts = [
         by_positions(robot, cable, q, found, then) if found and then else by_tables(robot, cable, q)
@@ -368,7 +359,7 @@ def geometry(robot: Robot, q: Vector, now: Paths, rest: Paths) -> Geometry:
     )
 
 
-def by_positions(robot: Robot, cable: Cable, q: Vector, found: Path, rest: Path) -> Geometry:
+def by_positions(robot, cable, q, found, rest):
     """Section 13 for one cable."""
     length, direction = elements(cable, found)
     wrap, arcs = np.zeros((2, len(cable.pulleys)))
@@ -396,7 +387,7 @@ def by_positions(robot: Robot, cable: Cable, q: Vector, found: Path, rest: Path)
     return Geometry(length, arm, wrap, direction, arcs, 0.0 * arcs, levers, laid)
 
 
-def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
+def bend_of(robot, node, q):
     """Wrap of a sheath: a sum of constants and tables."""
     joints = [joint.name for joint in robot.joints]
     return float(sum(
@@ -408,7 +399,7 @@ def bend_of(robot: Robot, node: Pulley, q: Vector) -> float:
 # --- motion of the middle of an arc, 13.4 ---------------------------------------------------------
 
 
-def moved(robot: Robot, before: tuple[Vector, Paths], now: tuple[Vector, Paths]) -> Vector:
+def moved(robot, before, now):
     """(G13), (E26): motion of the middles of all arcs on their bodies between two poses [m]."""
     found = []
     for cable, one, other in zip(robot.cables, before[1], now[1], strict=True):

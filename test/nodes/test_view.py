@@ -55,7 +55,7 @@ class Scene:
         self.tension, self.status, self.publishing = 18.0, 0, True
         self._publisher = user.create_publisher(CableTensions, "/cdrj/tensions", 10)
         user.create_timer(0.1, self._publish)
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process = None
 
     def _publish(self):
         if not self.publishing:

@@ -1,9 +1,7 @@
 # ruff: noqa: E501 (one mistake per line)
 """A robot file is read, or refused with one line naming the key, the value and what is allowed."""
 
-import os
 from math import pi, radians
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -234,15 +232,6 @@ def test_escapes_in_keys_and_values_are_shown_and_not_sent_to_the_terminal():
         changed("motor: m", 'motor: "\\ud800m"'),
     ):
         assert refused(text).isprintable()
-
-
-@pytest.mark.parametrize("kind", ["pipe", "device"])
-def test_only_a_regular_file_is_read(tmp_path, kind):
-    path = {"pipe": tmp_path / "pipe", "device": Path("/dev/zero")}[kind]
-    if kind == "pipe":
-        os.mkfifo(path)
-    with pytest.raises(RobotFileError, match="it is not a regular file"):
-        load_robot(path)
 
 
 def test_a_path_that_is_not_printable_is_escaped_in_the_error(tmp_path):

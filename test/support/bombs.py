@@ -1,8 +1,6 @@
 """Small files that unpack to, or claim to contain, far more than their size."""
 
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -15,7 +13,7 @@ MIB = 1 << 20
 MAGIC = b"\x89MCAP0\r\n"
 
 
-def packed_zeros(size: int) -> bytes:
+def packed_zeros(size):
     """`size` zeros compressed by zstd without holding them in memory."""
     packer = zstandard.ZstdCompressor(level=1).compressobj()
     piece = bytes(16 * MIB)
@@ -23,14 +21,14 @@ def packed_zeros(size: int) -> bytes:
     return b"".join([*parts, packer.flush()])
 
 
-def chunks_of_60_mib(folder: Path) -> Path:
+def chunks_of_60_mib(folder):
     messages = [*foreign.swing(2), *((foreign.TOPIC, i, bytes(60 * MIB)) for i in range(6))]
     return foreign.write_mcap(
         folder / "chunks.mcap", messages, chunk_size=60 * MIB, compression=CompressionType.ZSTD
     )
 
 
-def a_chunk_of_1_gib(folder: Path) -> Path:
+def a_chunk_of_1_gib(folder):
     path = foreign.write_mcap(folder / "chunk.mcap", foreign.swing(2))
     content = path.read_bytes()
     builder = RecordBuilder()
@@ -48,24 +46,24 @@ def a_chunk_of_1_gib(folder: Path) -> Path:
     return path
 
 
-def definition(folder: Path, text: str) -> Path:
+def definition(folder, text):
     good = [(1, foreign.joint_state(1, ["a"], [1]))]
     return foreign.write_topics(
         folder / "a.mcap", {foreign.TOPIC: (foreign.JOINT_STATE, text, good)}
     )
 
 
-def nested(last: str) -> str:
+def nested(last):
     levels = [f"===\nMSG: p/L{k}\n" + f"L{k + 1} a\n" * 40 for k in range(6)]
     return "p/L0 a\n" + "".join(levels) + f"===\nMSG: p/L6\n{last}\n"
 
 
-def pipe(folder: Path, name: str) -> Path:
+def pipe(folder, name):
     os.mkfifo(folder / name)
     return folder
 
 
-BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
+BOMBS = {
     "chunks": (chunks_of_60_mib, "unpacks to more than"),
     "chunk": (a_chunk_of_1_gib, "claims 1073741824 bytes, more than"),
     "nested definitions": (

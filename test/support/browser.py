@@ -1,10 +1,7 @@
 """A headless Chromium that renders in software; tests are skipped where there is none."""
 
 import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,7 +15,7 @@ OPTIONS = (
 
 
 @contextmanager
-def chromium(folder: Path, width: int, height: int) -> Iterator[Any]:
+def chromium(folder, width, height):
     """Start a browser with a new profile in ``folder``; yields selenium's driver."""
     webdriver = pytest.importorskip("selenium.webdriver")
     browser = shutil.which("chromium") or shutil.which("google-chrome")

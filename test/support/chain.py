@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Anchor, Cable, Friction, Motor, Profile, Pulley, Robot, Winch
 
 DRUM = 0.015
@@ -11,12 +11,12 @@ WRAP = 2.0
 """Total wrap of all pulleys [rad]; while sliding, the far end keeps 74 % of the tension."""
 
 
-def _constant(value: float) -> tuple[Profile]:
+def _constant(value):
     empty = np.empty(0)
     return (Profile(None, empty, np.array([value]), empty),)
 
 
-def chain(pulleys: int, stiffness: float, length: float = 1.0) -> Model:
+def chain(pulleys, stiffness, length=1.0):
     """A cable of this length [m], whose pulleys have this bristle stiffness [N/m] each."""
     friction = Friction(mu_c=0.15, mu_s=0.2, stribeck_speed=0.05, bristle_stiffness=stiffness)
     pulley = Pulley(0.01, friction, wrap=_constant(WRAP / pulleys))

@@ -1,30 +1,24 @@
 """Series of readings, and comparison of estimates that are there as a whole."""
 
-from collections.abc import Mapping
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cdrj_ros.estimation.conditioner import condition
-from cdrj_ros.evaluation.channels import Angle, Channel
 from cdrj_ros.evaluation.comparison import Comparing
 from cdrj_ros.evaluation.estimating import estimate
-from cdrj_ros.foundation.arrays import Series, Table
-from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.model.prepared import Model
+from cdrj_ros.foundation.arrays import Series
 
 
-def series_of(stamp_ns: ArrayLike, values: ArrayLike) -> Series:
+def series_of(stamp_ns, values):
     stamps = np.asarray(stamp_ns, np.int64)
     return Series(stamps, stamps, np.ascontiguousarray(values, np.float64))
 
 
-def each(stamp_ns: ArrayLike, columns: Mapping[str, ArrayLike]) -> dict[str, Series]:
+def each(stamp_ns, columns):
     """Columns that were read at the same times."""
     return {name: series_of(stamp_ns, values) for name, values in columns.items()}
 
 
-def covered(model: Model, recorded: Recorded, tension: Table) -> float:
+def covered(model, recorded, tension):
     """Share of true tensions within two standard deviations, after the first fifth.
 
     Args:
@@ -41,15 +35,7 @@ def covered(model: Model, recorded: Recorded, tension: Table) -> float:
     return float(np.mean(error <= 2.0 * found.tension_stddev[late]))
 
 
-def compare(
-    estimate_stamp_ns: ArrayLike,
-    estimates: Mapping[str, ArrayLike],
-    references: Mapping[str, tuple[ArrayLike, ArrayLike]],
-    *,
-    max_gap_ns: int,
-    angle: Angle | Mapping[str, Angle] | None = None,
-    stddev: Mapping[str, ArrayLike] | None = None,
-) -> tuple[Channel, ...]:
+def compare(estimate_stamp_ns, estimates, references, *, max_gap_ns, angle=None, stddev=None):
     """The channels of estimates that are added to ``Comparing`` at once."""
     own_stamps = np.asarray(estimate_stamp_ns, np.int64)
     series = {name: series_of(*given) for name, given in references.items()}

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from cdrj_ros.simulation.load import Load
 
-
-def energy(load: Load, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
+def energy(load, angle, speed):
     """Sum of kinetic and gravitational energy [J], zero at rest at q = 0; shape (n,)."""
     inertia = load.inertia + load.inertia_cos * np.cos(angle)
     turning = load.weight_cos * np.sin(angle) + 0.5 * load.weight_cos_2 * np.sin(2.0 * angle)

@@ -1,7 +1,5 @@
 """Robots of some fingers, with as many cables as wanted, beside each other or on a wrist."""
 
-from typing import Any
-
 import numpy as np
 import yaml
 
@@ -9,12 +7,11 @@ from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.prepared import prepare
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 from support.compared import each
 
 
-def finger(name: str, parent: str = "base", cables: int = 2) -> dict[str, list[Any]]:
+def finger(name, parent="base", cables=2):
     """Two joints in a row; the first cable ends beyond both, the others beyond the first one."""
     frames = [
         {"name": f"{name}_near", "motion": "revolute", "joint": f"{name}_mcp"},
@@ -23,7 +20,7 @@ def finger(name: str, parent: str = "base", cables: int = 2) -> dict[str, list[A
     ]  # fmt: skip
     if parent != "base":
         frames[0]["parent"] = parent
-    found: dict[str, list[Any]] = {"motors": [], "frames": frames, "cables": []}
+    found = {"motors": [], "frames": frames, "cables": []}
     found["joints"] = [{"name": f"{name}_{one}", "range": [0.0, 1.0]} for one in ("mcp", "pip")]
     for k in range(cables):
         found["motors"].append({"name": f"{name}_motor{k}"})
@@ -32,10 +29,10 @@ def finger(name: str, parent: str = "base", cables: int = 2) -> dict[str, list[A
     return found
 
 
-def cable(name: str, motor: str, frame: str, k: int) -> dict[str, Any]:
+def cable(name, motor, frame, k):
     """A cable from a drum of its own to a frame, over a pulley of 8 mm at the axis of a joint."""
 
-    def pulley(radius: float, position: list[float], turn: str, at: str = "base") -> dict[str, Any]:
+    def pulley(radius, position, turn, at="base"):
         bearing = {"bearing_diameter": 0.003, "frame": at}
         return {"type": "pulley", "radius": radius, "position": position, "turn": turn, **bearing}
 
@@ -55,8 +52,8 @@ def cable(name: str, motor: str, frame: str, k: int) -> dict[str, Any]:
     return {"name": name, "axial_stiffness": 15000.0, "preload": 12.0, "nodes": nodes}
 
 
-def hand(*fingers: dict[str, list[Any]], **more: list[Any]) -> Robot:
-    whole: dict[str, Any] = {
+def hand(*fingers, **more):
+    whole = {
         "name": "hand",
         "friction": {"mu_c": 0.1, "rho": 0.3, "bearing_friction": 0.005},
     }
@@ -66,7 +63,7 @@ def hand(*fingers: dict[str, list[Any]], **more: list[Any]) -> Robot:
     return parse_robot(yaml.safe_dump(whole, sort_keys=False))
 
 
-WRIST: dict[str, list[Any]] = {
+WRIST = {
     "joints": [{"name": "wrist", "range": [-0.5, 0.5]}],
     "frames": [{"name": "palm", "motion": "revolute", "joint": "wrist"}],
 }
@@ -75,7 +72,7 @@ EPOCH_NS = 1_700_000_000_000_000_000
 STAMPS = EPOCH_NS + 20_000_000 * np.arange(200)
 
 
-def recorded(robot: Robot) -> Recorded:
+def recorded(robot):
     """Four seconds of joints to and fro, with efforts that fit the file but for noise."""
     time = (STAMPS - STAMPS[0]) * 1e-9
     angles = np.outer(0.3 - 0.3 * np.cos(3.0 * time), np.ones(len(robot.joints)))

@@ -1,24 +1,13 @@
 """The law of linear maps: joints that follow others are those of the robot that measures them."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
-from cdrj_ros.model.prepared import Model
 
 
 def assert_same_tensions_and_work(
-    led: Model,
-    every: Model,
-    follow: Callable[[np.ndarray], np.ndarray],
-    motion: np.ndarray,
-    *,
-    motors: np.ndarray | None = None,
-    compared: slice = slice(None),
-    effort: float = 1e-9,
-    share: float = 1e-10,
-) -> None:
+    led, every, follow, motion, *, motors=None, compared=slice(None), effort=1e-9, share=1e-10
+):
     """Step two robots along a motion, and compare tensions, efforts and the work of the joints.
 
     Args:

@@ -1,9 +1,6 @@
 """Bags from third-party writers, so that our reader is not tested only against our writer."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,38 +24,31 @@ COUNT = 600
 """Messages of a bag that is read whole."""
 
 
-def header(stamp_ns: int, frame_id: str = "") -> Any:
+def header(stamp_ns, frame_id=""):
     sec, nanosec = divmod(stamp_ns, 10**9)
     time = STORE.types["builtin_interfaces/msg/Time"](sec, nanosec)
     return STORE.types["std_msgs/msg/Header"](time, frame_id)
 
 
 def joint_state(
-    stamp_ns: int,
-    names: Sequence[str],
-    position: Iterable[float] = (),
-    velocity: Iterable[float] = (),
-    effort: Iterable[float] = (),
-    *,
-    frame_id: str = "",
-    little_endian: bool = True,
-) -> bytes:
+    stamp_ns, names, position=(), velocity=(), effort=(), *, frame_id="", little_endian=True
+):
     arrays = (np.array(list(values), float) for values in (position, velocity, effort))
     message = STORE.types[JOINT_STATE](header(stamp_ns, frame_id), list(names), *arrays)
     return bytes(STORE.serialize_cdr(message, JOINT_STATE, little_endian=little_endian))
 
 
 def write_mcap(
-    path: Path,
-    messages: Iterable[tuple[str, int, bytes]],
+    path,
+    messages,
     *,
-    msgtype: str = JOINT_STATE,
-    encoding: str = "cdr",
-    compression: CompressionType = CompressionType.NONE,
-    chunked: bool = True,
-    chunk_size: int = 4096,
-    indexed: bool = True,
-) -> Path:
+    msgtype=JOINT_STATE,
+    encoding="cdr",
+    compression=CompressionType.NONE,
+    chunked=True,
+    chunk_size=4096,
+    indexed=True,
+):
     """Write messages (topic, log_ns, payload) to an MCAP file with the writer of mcap."""
     definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
     with path.open("wb") as stream:
@@ -75,7 +65,7 @@ def write_mcap(
         )
         writer.start(profile="ros2")
         schema = writer.register_schema(msgtype, "ros2msg", definition.encode())
-        channels: dict[str, int] = {}
+        channels = {}
         for topic, log_ns, payload in messages:
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, encoding, schema)
@@ -84,9 +74,7 @@ def write_mcap(
     return path
 
 
-def write_topics(
-    path: Path, topics: Mapping[str, tuple[str, str, Sequence[tuple[int, bytes]]]]
-) -> Path:
+def write_topics(path, topics):
     """Write topics of several types to MCAP: {topic: (type, definition, [(log_ns, payload)])}.
 
     An empty definition stands for the standard ROS definition.
@@ -104,7 +92,7 @@ def write_topics(
     return path
 
 
-def swing(count: int, *, little_endian: bool = True) -> list[tuple[str, int, bytes]]:
+def swing(count, *, little_endian=True):
     """Messages of `motor` (0, 1, 2, …) and `joint` (0, −1, −2, …), a millisecond apart."""
     return [
         (
@@ -122,7 +110,7 @@ def swing(count: int, *, little_endian: bool = True) -> list[tuple[str, int, byt
     ]
 
 
-def attempt(read: Callable[[], Any]) -> tuple[Any, str]:
+def attempt(read):
     """What `read` returns, and the text of the refusal; any other exception passes."""
     try:
         return read(), ""
@@ -130,7 +118,7 @@ def attempt(read: Callable[[], Any]) -> tuple[Any, str]:
         return None, str(error)
 
 
-def check_whole(path: Path, count: int = COUNT) -> tuple[str, ...]:
+def check_whole(path, count=COUNT):
     """Check that every way of reading returns all messages of `swing`; returns the notes."""
     read = read_recording(path, ONE_TOPIC)
     np.testing.assert_array_equal(read.motors["motor"].value, np.arange(count))
@@ -144,7 +132,7 @@ def check_whole(path: Path, count: int = COUNT) -> tuple[str, ...]:
 
 
 @pytest.fixture(scope="session")
-def make() -> SimpleNamespace:
+def make():
     return SimpleNamespace(
         store=STORE,
         topic=TOPIC,

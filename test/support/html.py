@@ -8,19 +8,19 @@ VOID = {"meta", "link", "br", "img", "hr", "input"}
 class Html(HTMLParser):
     """What a page consists of; unclosed tags, duplicate ids and comments fail."""
 
-    def __init__(self, html: str) -> None:
+    def __init__(self, html):
         super().__init__()
-        self.open: list[str] = []
-        self.ids: set[str] = set()
-        self.tags: set[str] = set()
-        self.attributes: set[str] = set()
+        self.open = []
+        self.ids = set()
+        self.tags = set()
+        self.attributes = set()
         self.text = ""
-        self.links: set[str] = set()
+        self.links = set()
         self.feed(html)
         self.close()
         assert self.open == []
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         self.tags.add(tag)
         self.attributes |= {name for name, _ in attrs}
         for name, value in attrs:
@@ -34,22 +34,22 @@ class Html(HTMLParser):
         if tag not in VOID:
             self.open.append(tag)
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         self.text += data
 
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_startendtag(self, tag, attrs):
         self.handle_starttag(tag, attrs)
         if tag not in VOID:
             self.open.pop()
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
-    def handle_comment(self, data: str) -> None:
+    def handle_comment(self, data):
         raise AssertionError(f"comment {data}")
 
 
-def shown(text: str) -> str:
+def shown(text):
     """The characters that a reader sees of a text."""
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text

@@ -4,7 +4,6 @@ import numpy as np
 
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.model.packing import channel_columns
 from cdrj_ros.model.prepared import prepare
@@ -16,17 +15,17 @@ RATE = 200.0
 
 
 def recording(
-    document: Document,
-    seconds: float = 20.0,
-    amplitude: float = 0.6,
-    late_s: float = 0.0,
-    noise: float = 0.02,
-    seed: int = 1,
-    name: str = "made_up",
-    frequency: float = 0.1,
+    document,
+    seconds=20.0,
+    amplitude=0.6,
+    late_s=0.0,
+    noise=0.02,
+    seed=1,
+    name="made_up",
+    frequency=0.1,
     *,
-    cells: int = 1,
-) -> Recorded:
+    cells=1,
+):
     """References computed by the estimator itself, with noise: with one contact cell per pulley
     there is no model error."""
     robot = build_robot(document, "made up")

@@ -8,7 +8,7 @@ from threading import Event
 from cdrj_ros.foundation.errors import BagError
 
 
-def square(task: float) -> float:
+def square(task):
     """Works; a negative number fails as a bag would, 13 with a bug, 99 kills its process."""
     if task < 0:
         raise BagError(f"{task} is no bag")
@@ -19,7 +19,7 @@ def square(task: float) -> float:
     return 0.1 * task * task
 
 
-def killed_once(task: str) -> str:
+def killed_once(task):
     """Note the process in the file ``task``; wait to be killed at the first attempt."""
     path = Path(task)
     first = not path.exists()
@@ -30,7 +30,7 @@ def killed_once(task: str) -> str:
     return path.name
 
 
-def noted(task: tuple[str, str]) -> str:
+def noted(task):
     """Append its name to a file."""
     note, name = task
     with Path(note).open("a", encoding="utf-8") as file:

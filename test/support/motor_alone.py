@@ -1,12 +1,11 @@
 """Robots with joints without encoder, and their motions."""
 
 from copy import deepcopy
-from typing import Any
 
 import numpy as np
 
-from cdrj_ros.estimation.estimator import Estimates, Samples, initial_state, run
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.estimation.estimator import Samples, initial_state, run
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.drives import follow_joints
 from support.places import ROBOTS
@@ -17,9 +16,9 @@ NOISE = 1e-3
 """Standard deviation of the motors' efforts [N m]."""
 
 
-def without_encoder(name: str, *joints: str, **more: Any) -> Model:
+def without_encoder(name, *joints, **more):
     """A robot of the package, exact, whose named joints have no encoder."""
-    document: Any = deepcopy(dict(load_model(str(ROBOTS / f"{name}.yaml")).robot.document))
+    document = deepcopy(dict(load_model(str(ROBOTS / f"{name}.yaml")).robot.document))
     document["uncertainty"] = {"others": "exact"}
     for entry in document["joints"]:
         if entry["name"] in joints:
@@ -29,7 +28,7 @@ def without_encoder(name: str, *joints: str, **more: Any) -> Model:
     return prepare(build_robot(document, name))
 
 
-def motion(model: Model, count: int = 1500) -> Samples:
+def motion(model, count=1500):
     """All joints swing at 200 Hz, each at its own rate, and the motors follow them."""
     robot = model.robot
     time = 0.005 * np.arange(count)
@@ -42,7 +41,7 @@ def motion(model: Model, count: int = 1500) -> Samples:
     return Samples(START + 5 * MS * np.arange(count), motors, joints)
 
 
-def truth_of(model: Model, samples: Samples) -> tuple[Estimates, Any]:
+def truth_of(model, samples):
     """Estimates with all encoders, and the motors' efforts with noise."""
     _, truth = run(model, initial_state(model), samples)
     exact = truth.values[:, model.layout.motor_effort]
@@ -50,6 +49,6 @@ def truth_of(model: Model, samples: Samples) -> tuple[Estimates, Any]:
     return truth, exact + noise
 
 
-def only_measured(model: Model, samples: Samples) -> Samples:
+def only_measured(model, samples):
     measured = [j for j, joint in enumerate(model.robot.joints) if joint.measured]
     return Samples(samples.stamp_ns, samples.motor_angle, samples.joint_angle[:, measured])

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import yaml
 
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
 ROOT = Path(__file__).parents[2]
@@ -14,7 +13,7 @@ ROBOT = str(PROTOTYPE)
 SAMPLE = ROOT / "bags" / "prototype_preload_36_26"
 
 
-def shipped_once(name: str) -> Robot:
+def shipped_once(name):
     """A shipped robot in which every part is used once, for tests that would be slow otherwise."""
     path = ROBOTS / f"{name}.yaml"
     document = yaml.safe_load(path.read_text(encoding="utf-8"))

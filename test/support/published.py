@@ -7,7 +7,6 @@ geared motor that turns the other way, currents as its efforts, and turns of the
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from support.places import PROTOTYPE
 
@@ -31,16 +30,16 @@ NAMES = ("arm2_elbow 1:a+b", f"arm1_{JOINT}", "elbow", "arm1_gripper", f"arm1_{M
 """Names in a message; the axes of other robots move otherwise."""
 
 
-def positions(winch: float, elbow: float) -> list[float]:
+def positions(winch, elbow):
     """Published positions, one per name, of two angles [rad]."""
     return [9.0 + winch, (elbow + 0.1) / (2 * pi), -elbow, 9.0, (winch - 0.3) / SCALE]
 
 
-def efforts(torque: float) -> list[float]:
+def efforts(torque):
     """Published efforts, one per name, of a torque of the winch [N m]."""
     return [7.0, 7.0, 7.0, 7.0, torque / EFFORT_SCALE]
 
 
-def of_all(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def of_all(one, other):
     """Published positions over time, shape (n, names)."""
     return np.array([positions(a, b) for a, b in zip(one.tolist(), other.tolist(), strict=True)])

@@ -1,8 +1,6 @@
 """Copies of bags with other stamps in the headers, as drivers and other clocks make them."""
 
 import struct
-from collections.abc import Mapping
-from pathlib import Path
 
 from cdrj_ros.recordings.source import open_source, read_messages
 from cdrj_ros.recordings.writer import BagWriter
@@ -10,7 +8,7 @@ from cdrj_ros.recordings.writer import BagWriter
 SECOND = 10**9
 
 
-def restamped(bag: str, out: Path, change: Mapping[str, int | None]) -> str:
+def restamped(bag, out, change):
     """Write a copy of a bag; ``change`` shifts the stamps of topics [ns], None makes them zero."""
     source = open_source(bag)
     with BagWriter(out) as writer:

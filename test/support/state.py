@@ -1,10 +1,9 @@
 """The parts of a state by name: ``State`` of the core, whose values are opaque to the package."""
 
-from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.model.packing import Sizes, Views, parts_of, views
+from cdrj_ros.model.packing import parts_of, views
 
 
-def state_views(sizes: Sizes, state: Vector) -> Views:
+def state_views(sizes, state):
     """Named views of the parts of a state.
 
     Args:

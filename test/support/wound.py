@@ -1,6 +1,5 @@
 """Robots whose readings are tested: axes as a test describes them, and one cable on a winch."""
 
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
 CABLE = """
@@ -13,6 +12,6 @@ cables:
 """
 
 
-def robot_of(axes: str, motor: str = "a", span: str = "1") -> Robot:
+def robot_of(axes, motor="a", span="1"):
     """A robot with these motors and joints, in YAML, and a cable on the winch of one motor."""
     return parse_robot(axes + CABLE.format(motor=motor, span=span))

@@ -4,21 +4,19 @@ The geometry is the estimator's, which test_reference.py holds to one of its own
 of ``truth.surface``.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.model.prepared import Model, placed, prepare
-from cdrj_ros.robot.description import Cable, Pulley, Robot
+from cdrj_ros.model.prepared import placed, prepare
+from cdrj_ros.robot.description import Pulley, Robot
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation import assembly
 from truth import surface
 from truth.surface import Contact, Course
 
 Array = NDArray[np.float64]
-Wave = tuple[float, float, float]
 
 CELL = np.radians(1.5)
 """Angle of a contact cell about a body."""
@@ -157,7 +155,7 @@ class Scene:
     """Time after which every body has slipped [s]."""
 
 
-def scene(name: str) -> Scene:
+def scene(name):
     """A scene of ``MOTIONS``."""
     text, cycle, seconds, rate, joints, pulls = MOTIONS[name]
     time = np.arange(round(seconds * rate) + 1) / rate
@@ -166,7 +164,7 @@ def scene(name: str) -> Scene:
     return Scene(parse_robot(HEAD + text), time, joint, pull, cycle)
 
 
-def waves(time: Array, *terms: Wave) -> Array:
+def waves(time, *terms):
     """A sum of sines that begins at 0, from (amplitude, frequency [Hz], phase [rad]) each."""
     angle = np.zeros(time.size)
     for amplitude, frequency, phase in terms:
@@ -174,7 +172,7 @@ def waves(time: Array, *terms: Wave) -> Array:
     return angle
 
 
-MOTIONS: dict[str, tuple[str, float, float, float, list[list[Wave]], list[Wave]]] = {
+MOTIONS = {
     "skew cylinders": (
         SKEW_CYLINDERS, 6.0, 9.0, 62.5,
         [[(0.5, 0.17, 0.0), (0.08, 0.53, 1.0)], [(0.03, 0.11, 0.5), (0.01, 0.37, 0.0)]],
@@ -236,7 +234,7 @@ class Path:
     """Of the pull about the axis of the first node [m], shape (n,)."""
 
 
-def paths_of(model: Model, joint: Array) -> tuple[list[Path], Array]:
+def paths_of(model, joint):
     """Paths of all cables, and lever arms, shape (n, elements, joints)."""
     poses = [placed(model, pose) for pose in joint]
     length, wrap, direction, arm = (
@@ -265,7 +263,7 @@ def paths_of(model: Model, joint: Array) -> tuple[list[Path], Array]:
     return paths, arm
 
 
-def truth_of(scene: Scene) -> Truth:
+def truth_of(scene):
     """Solve all cables over time; every cable has a motor of its own at its first node."""
     model = prepare(scene.robot, check_range=False)
     paths, arm = paths_of(model, scene.joint)
@@ -284,15 +282,15 @@ def truth_of(scene: Scene) -> Truth:
     return Truth(motor, every, -np.einsum("ne,nej->nj", every, arm), motor_effort)
 
 
-def courses_of(path: Path, drums: Array) -> Iterator[Course]:
+def courses_of(path, drums):
     first, last = path.middle - 0.5 * path.arc, path.middle + 0.5 * path.arc
     return map(Course, path.span, first, last, path.wrap, path.touching, drums)
 
 
-def contacts_of(cable: Cable) -> tuple[Contact, ...]:
+def contacts_of(cable):
     """The bodies; an eyelet is one cell."""
 
-    def cell(pulley: Pulley) -> float:
+    def cell(pulley):
         if pulley.kind != "sheath":
             return float(CELL * pulley.radius)
         return float(pulley.place.length / np.ceil(pulley.wrap[0].value[0] / CELL))
@@ -300,7 +298,7 @@ def contacts_of(cable: Cable) -> tuple[Contact, ...]:
     return tuple(Contact(pulley.friction.mu_c, cell(pulley)) for pulley in cable.pulleys)
 
 
-def with_cells(robot: Robot, cells: int) -> Robot:
+def with_cells(robot, cells):
     """The robot with so many contact cells on every body."""
     cables = [
         replace(cable, nodes=tuple(

@@ -17,7 +17,6 @@ number on the surface; what is laid onto it has the strain of the straight span 
 The cable on a drum does not slip and comes back with the strain with which it was wound.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,12 +105,12 @@ class State:
     spans: NDArray[np.int64]
     """Places of the straight spans in ``strain``, shape (B + 1,)."""
 
-    def tension(self, cable: Cable) -> Array:
+    def tension(self, cable):
         """Of the straight spans [N], shape (B + 1,)."""
         return cable.stiffness * np.maximum(self.strain[self.spans], 0.0)
 
 
-def start(cable: Cable, course: Course) -> State:
+def start(cable, course):
     """The cable under its preload, without friction."""
     strain = cable.preload / cable.stiffness
     cells, place = [], 0.0
@@ -132,7 +131,7 @@ def start(cable: Cable, course: Course) -> State:
     )  # fmt: skip
 
 
-def _cover(contact: Contact, course: Course, b: int) -> Cells | None:
+def _cover(contact, course, b):
     """Cells of body b that are covered, without friction; None where it is not touched."""
     first, last = course.first[b], course.last[b]
     if not course.touching[b]:
@@ -155,7 +154,7 @@ def _cover(contact: Contact, course: Course, b: int) -> Cells | None:
 class _Chain:
     """All cells of a cable in a row: geometry of the elements between them."""
 
-    def __init__(self, cable: Cable, course: Course, cells: Sequence[Cells | None]) -> None:
+    def __init__(self, cable, course, cells):
         middle, loss, stiffness, place, count = [], [], [], 0.0, 0
         self.spans = np.zeros(course.span.size, dtype=np.int64)
         for b, (contact, one) in enumerate(zip(cable.contacts, cells, strict=True)):
@@ -179,7 +178,7 @@ class _Chain:
         """Of the elements [m]."""
 
 
-def solve(cable: Cable, courses: Iterable[Course]) -> Iterator[State]:
+def solve(cable, courses):
     """States at all courses, the first one under preload and without friction."""
     state = None
     for course in courses:
@@ -187,7 +186,7 @@ def solve(cable: Cable, courses: Iterable[Course]) -> Iterator[State]:
         yield state
 
 
-def advance(cable: Cable, state: State, course: Course) -> State:
+def advance(cable, state, course):
     """The balance at the next course.
 
     Raises:
@@ -217,9 +216,9 @@ def advance(cable: Cable, state: State, course: Course) -> State:
     return State(course, settled, ends, drums, strain, chain.spans)
 
 
-def _carried(cable: Cable, state: State, course: Course) -> list[Cells | None]:
+def _carried(cable, state, course):
     """Cells at the next course with their history, before anything slips."""
-    cells: list[Cells | None] = []
+    cells = []
     laid = state.strain[state.spans]
     for b, contact in enumerate(cable.contacts):
         new, old = _cover(contact, course, b), state.cells[b]
@@ -244,7 +243,7 @@ def _carried(cable: Cable, state: State, course: Course) -> list[Cells | None]:
     return _touched(cable, state, course, cells)
 
 
-def _numbers(state: State, b: int, place: Array, laid: Array) -> Array:
+def _numbers(state, b, place, laid):
     """Numbers of the cable above places of body b; what is laid has the strains ``laid``."""
     old, was = state.cells[b], state.course
     strain = state.strain[[state.spans[b], state.spans[b + 1]]]
@@ -257,9 +256,7 @@ def _numbers(state: State, b: int, place: Array, laid: Array) -> Array:
     return number + np.maximum(place - last, 0.0) / (1.0 + laid[1])
 
 
-def _touched(
-    cable: Cable, state: State, course: Course, cells: list[Cells | None]
-) -> list[Cells | None]:
+def _touched(cable, state, course, cells):
     """Number the cells of bodies that are touched for the first time, at the strain around them."""
     new = [
         one is not None and before is None for one, before in zip(cells, state.cells, strict=True)
@@ -285,7 +282,7 @@ def _touched(
     ]
 
 
-def _unwound(cable: Cable, state: State, course: Course) -> tuple[Array, Array]:
+def _unwound(cable, state, course):
     """Numbers of the ends after unwinding and half of the winding; the lengths wound on."""
     ends, laid = state.ends.copy(), np.maximum(course.wound - state.course.wound, 0.0)
     for end, sign in enumerate((1.0, -1.0)):
@@ -298,7 +295,7 @@ def _unwound(cable: Cable, state: State, course: Course) -> tuple[Array, Array]:
     return ends, laid
 
 
-def _wound(drums: tuple[Array, Array], wound: Array, ends: Array) -> tuple[Array, Array]:
+def _wound(drums, wound, ends):
     """What lies on the drums afterwards."""
     stacks = []
     for end, stack in enumerate(drums):
@@ -310,9 +307,7 @@ def _wound(drums: tuple[Array, Array], wound: Array, ends: Array) -> tuple[Array
     return stacks[0], stacks[1]
 
 
-def _friction(
-    tension: Array, friction: Array, slip: Array, chain: _Chain
-) -> tuple[Array, Array, Array]:
+def _friction(tension, friction, slip, chain):
     """Friction, the sign of its bound where that is reached, and where the pull is behind."""
     before, behind = tension[:-1], tension[1:]
     bound = chain.loss * np.maximum(before, behind)
@@ -321,7 +316,7 @@ def _friction(
     return np.clip(trial, -bound, bound), reached, behind >= before
 
 
-def _slips(EA: float, length: Array, material: Array, friction: Array, chain: _Chain) -> Array:
+def _slips(EA, length, material, friction, chain):
     """Slips of all cells in balance, by Newton's method with a line search.
 
     Raises:
@@ -331,7 +326,7 @@ def _slips(EA: float, length: Array, material: Array, friction: Array, chain: _C
     if slip.size == 0:
         return slip
 
-    def residual(slip: Array) -> tuple[Array, Array, Array, Array, float]:
+    def residual(slip):
         held = material + np.diff(-slip, prepend=0.0, append=0.0)
         if not np.all(held > 0.0):
             return held, held, held, held, np.inf
