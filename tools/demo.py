@@ -32,7 +32,7 @@ REPORT = "report.html"
 FIGURES = "report.json"
 MEASURED = ROOT / "docs" / "demo.json"
 
-POLL_S = 0.2
+ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 10.0
 SILENCE_S = 600.0
 """Time after which the estimator warns of silent inputs; they fall silent as the recording ends."""
@@ -94,7 +94,7 @@ def run(commands, alone=False):
         commands: their command lines, by name; ``compare`` has the keyboard.
         alone: whether they hear no other node, in a ROS domain of their own on this machine.
     """
-    for end_by in (signal.SIGTERM, signal.SIGHUP):  # no node is left behind
+    for end_by in ENDS:
         signal.signal(end_by, signal.default_int_handler)
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
     if alone:
@@ -106,13 +106,15 @@ def run(commands, alone=False):
             keys = None if name == "compare" else subprocess.DEVNULL
             processes[name] = subprocess.Popen(command, cwd=ROOT, env=environment, stdin=keys)
         while True:
-            time.sleep(POLL_S)
+            time.sleep(0.2)
             for name, process in processes.items():
                 if process.poll() is not None:
                     return name, process.returncode
     except KeyboardInterrupt:
         return "", 130
     finally:
+        for end_by in ENDS:  # asked again, it leaves no node behind either
+            signal.signal(end_by, signal.SIG_IGN)
         end(list(processes.values()))
 
 

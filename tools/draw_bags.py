@@ -6,8 +6,6 @@
 A column of pictures a recording, a row a channel; `--over angle` draws loops.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -12,7 +12,7 @@ from support.places import ROOT
 @pytest.fixture
 def signals_as_before():
     """The demonstration ends its nodes on signals that end the process."""
-    before = {one: signal.getsignal(one) for one in (signal.SIGTERM, signal.SIGHUP)}
+    before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     yield
     for one, handler in before.items():
         signal.signal(one, handler)
