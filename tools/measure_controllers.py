@@ -19,8 +19,7 @@ from tension_limiter import TensionLimiter
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import build_robot
-from cdrj_ros.simulation.commands import checked_command
-from cdrj_ros.simulation.drives import Drives, drive_limits, follow_joints
+from cdrj_ros.simulation.drives import Drives, checked_command, drive_limits, follow_joints
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load
 from cdrj_ros.simulation.sensors import SensorSettings, encoder_groups, truth_table

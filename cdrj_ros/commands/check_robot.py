@@ -12,7 +12,7 @@ from cdrj_ros.commands.check_printed import print_details, print_summary
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.estimation.conditioner import slips
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.errors import UsageError, listed
+from cdrj_ros.foundation.errors import UsageError, ordered
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import Json, json_text, plain, printable
 from cdrj_ros.foundation.yaml import yaml_text
@@ -60,7 +60,7 @@ def _body(argv: Sequence[str]) -> int:
     known = [cable.name for cable in model.robot.cables]
     named = arguments.cable.split(",") if arguments.cable else known
     if unknown := [name for name in named if name not in known]:
-        raise UsageError(f"--cable: there is no cable {unknown[0]!r}; there are {listed(known)}")
+        raise UsageError(f"--cable: there is no cable {unknown[0]!r}; there are {ordered(known)}")
     inspection = inspect_robot(model)
     suspicions = find_suspicions(inspection)
     shares = uncertainty_shares(model)

@@ -14,7 +14,6 @@ from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.estimation.refusals import NOTED, sparse_words
 from cdrj_ros.estimation.travel import travel_suspicion
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
-from cdrj_ros.evaluation.tables import of_robot
 from cdrj_ros.foundation.arrays import Series, Stamps, Vector
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
@@ -26,7 +25,7 @@ from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import open_source
 from cdrj_ros.recordings.table import Columns, table_with
 from cdrj_ros.robot.description import Robot
-from cdrj_ros.robot.names import naming_hint
+from cdrj_ros.robot.names import known_name, naming_hint
 
 
 def read_inputs(
@@ -62,6 +61,34 @@ def _read(
         path, topics, motor_efforts=motor_efforts, force_vectors=force_vectors,
         effort_scale=robot.effort_scale,
     )  # fmt: skip
+
+
+def of_robot(recording: Recording, robot: Robot) -> Recording:
+    """A recording with the robot's names, and with efforts in N m; that of a bag as it is.
+
+    Names of motors and joints may lack the prefix of the robot file.
+    """
+    if not recording.is_table:
+        return recording
+    own, document = {axis.name for axis in robot.axes}, dict(robot.document)
+
+    def renamed(readings: Mapping[str, Series]) -> dict[str, Series]:
+        return {known_name(n, own, document): one for n, one in readings.items()}
+
+    efforts = {
+        name: replace(one, value=robot.effort_scale.get(name, 1.0) * one.value)
+        for name, one in renamed(recording.motor_efforts).items()
+    }
+    references = {
+        name: one for name, one in recording.references.items() if not name.startswith(f"{EFFORT}/")
+    }
+    return replace(
+        recording,
+        motors=renamed(recording.motors),
+        joints=renamed(recording.joints),
+        references=references | {f"{EFFORT}/{name}": one for name, one in efforts.items()},
+        motor_efforts=efforts,
+    )
 
 
 def require_axes(path: str, recording: Recording, robot: Robot) -> None:

@@ -67,6 +67,6 @@ def nearest(unknown: str, known: Sequence[str]) -> str:
     return f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
 
 
-def listed(names: Iterable[str]) -> str:
+def ordered(names: Iterable[str]) -> str:
     """Format names for a message."""
     return ", ".join(sorted(names)) or "(none)"

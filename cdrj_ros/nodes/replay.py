@@ -273,4 +273,4 @@ def _body(argv: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    return run_command("replay", _body, sys.argv[1:] if argv is None else argv)
+    return run_command("replay", _body, argv)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from time import monotonic_ns, perf_counter, time_ns
 from typing import Any, Final
@@ -23,8 +22,7 @@ from cdrj_ros.nodes.diagnostics import diagnostic_array
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
 from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
-from cdrj_ros.simulation.commands import Command
-from cdrj_ros.simulation.drives import Drives, program_of
+from cdrj_ros.simulation.drives import Command, Drives, program_of
 from cdrj_ros.simulation.faults import Fault
 from cdrj_ros.simulation.live import LiveRig
 
@@ -267,4 +265,4 @@ def _body(argv: Sequence[str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    return run_command("rig", _body, sys.argv[1:] if argv is None else argv)
+    return run_command("rig", _body, argv)

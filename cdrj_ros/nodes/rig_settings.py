@@ -13,8 +13,7 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, as_double, declare, values_of
-from cdrj_ros.simulation.commands import DriveLimits
-from cdrj_ros.simulation.drives import MOTIONS, MotionName, drive_limits
+from cdrj_ros.simulation.drives import MOTIONS, DriveLimits, MotionName, drive_limits
 from cdrj_ros.simulation.live import LiveSettings
 from cdrj_ros.simulation.load import Load, usual_load, usual_payload
 from cdrj_ros.simulation.rig_file import LoadChoice, load_rig

@@ -27,7 +27,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.rig_settings import RigOptions
 from cdrj_ros.nodes.settings import default_profile
 from cdrj_ros.robot.description import Motor, Robot
-from cdrj_ros.simulation.commands import (
+from cdrj_ros.simulation.drives import (
     CAUSES,
     MODES,
     Cause,

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import Coupling, is_coupled
 from cdrj_ros.robot.description import TABLE_INTERVALS, Joint, Motor, PassiveTorque, Profile, Sensor
@@ -146,7 +146,7 @@ class ProfileReader:
             RobotFileError: there is none.
         """
         if name is None or name not in self._couplings:
-            raise self._refuse(path, f"must be one of {listed(self._couplings)}, got {name!r}")
+            raise self._refuse(path, f"must be one of {ordered(self._couplings)}, got {name!r}")
         return self._couplings[name]
 
     def read(self, path: str, entry: Any, unit: str) -> tuple[Profile, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from math import pi
 from typing import Any
 
-from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import ProfileReader, given
 from cdrj_ros.robot.couplings import motor_shares
@@ -150,7 +150,7 @@ class CableReader:
             for motor, share in turned.items():
                 if motor not in motors:
                     raise self.refuse(
-                        f"{path}.motor", f"must be one of {listed(motors)}, got {motor!r}"
+                        f"{path}.motor", f"must be one of {ordered(motors)}, got {motor!r}"
                     )
                 if share == 0.0:
                     raise self.refuse(f"{path}.motor.{motor}", "must not be 0: leave the motor out")

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.description import Joint
 from cdrj_ros.robot.space import IDENTITY, Frame
@@ -64,7 +64,7 @@ def read_couplings(
             if name not in joints:
                 raise refuse(
                     f"joints[{k}].coupled",
-                    f"must name joints that are not coupled ({listed(joints)}), got {name!r}",
+                    f"must name joints that are not coupled ({ordered(joints)}), got {name!r}",
                 )
             if entry["coupled"][name] == 0.0:
                 raise refuse(f"joints[{k}].coupled.{name}", "must not be 0: leave the joint out")

@@ -7,7 +7,7 @@ the line, and the writer, which gives a use numbers of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,9 +15,8 @@ from functools import partial
 from re import match
 from typing import Any, Final
 
-from cdrj_ros.foundation.errors import Refusal, RobotFileError, listed
+from cdrj_ros.foundation.errors import Refusal, RobotFileError, ordered
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.mirror import nodes_of, reflect
 from cdrj_ros.robot.names import renamed
 
 NAMED_KINDS: Final = ("motors", "joints", "frames", "cables")
@@ -180,7 +179,7 @@ def _used(part: Document, use: Document, path: str, refuse: Refusal) -> _Entries
     """The entries that a use adds."""
     own: _Entries = {kind: deepcopy(part.get(kind, [])) for kind in KINDS}
     if "mirror" in use:
-        reflect(own, use["mirror"], partial(refuse, f"{path}.mirror"))
+        _reflect(own, use["mirror"], partial(refuse, f"{path}.mirror"))
     for key, value in use.get("with", {}).items():
         _set(own, key, value, partial(refuse, f"{path}.with.{key}"))
     for kind, keys in _NAMED.items():
@@ -209,7 +208,7 @@ def _hang(own: _Entries, base: str) -> None:
         entry.setdefault("parent", base)
     for entry in own["visuals"]:
         entry.setdefault("frame", base)
-    for node in nodes_of(own):
+    for node in _nodes_of(own):
         if "position" in node:
             node.setdefault("frame", base)
         if "exit" in node:
@@ -228,7 +227,7 @@ def _set(
     name = next((one for one in entries if rest.startswith(f"{one}.")), None)
     if name is None:
         named = (f"{one}.{entry['name']}" for one in NAMED_KINDS for entry in own[one])
-        raise refuse(f"must begin with one of {listed(named)}")
+        raise refuse(f"must begin with one of {ordered(named)}")
     place: Any = entries[name]
     *keys, last = rest[len(name) + 1 :].split(".")
     for key in keys:
@@ -246,3 +245,92 @@ def _item(entries: list[Any], key: str, refuse: Callable[[str], RobotFileError])
     if not key.isdigit() or not 1 <= int(key) <= len(entries):
         raise refuse(f"must have a number from 1 to {len(entries)} in place of {key}")
     return entries[int(key) - 1]
+
+
+# --- reflection in space ------------------------------------------------------------------------
+# A position is reflected, an axis of rotation is reflected and reversed: then a frame turns, and a
+# cable goes round a pulley, by the same angle with the same ``turn`` as its original.
+
+_CARRIERS: Final = {
+    "position": "frame", "axis": "frame", "exit": "exit_frame", "side": "side_frame",
+}  # fmt: skip
+"""Vectors of a node, and the key of the frame in which each is given."""
+
+
+def _reflect(
+    own: Mapping[str, list[Document]], axis: str, refuse: Callable[[str], RobotFileError]
+) -> None:
+    """Reflect entries of a robot file along an axis, in place; what lies in other frames stays.
+
+    Args:
+        own: the entries by kind: frames, cables and visuals.
+        axis: ``x``, ``y`` or ``z``.
+        refuse: makes the error of what cannot be reflected.
+
+    Raises:
+        RobotFileError: the entries are in the plane, or a frame rolls.
+    """
+    mirror = _Mirror([-1.0 if one == axis else 1.0 for one in "xyz"], refuse)
+    frames = {frame["name"] for frame in own["frames"]}
+    for frame in own["frames"]:
+        mirror.frame(frame, placed="parent" not in frame or frame["parent"] in frames)
+    for shape in own["visuals"]:
+        if "frame" not in shape or shape["frame"] in frames:
+            mirror.visual(shape)
+    for node in _nodes_of(own):
+        mirror.node(node, frames)
+
+
+def _nodes_of(own: Mapping[str, list[Document]]) -> Iterator[Document]:
+    """All nodes of the cables among some entries."""
+    return (node for cable in own["cables"] for node in cable["nodes"])
+
+
+class _Mirror:
+    """Reverses the signs of vectors along an axis."""
+
+    def __init__(self, signs: list[float], refuse: Callable[[str], RobotFileError]) -> None:
+        self._signs = signs
+        self._refuse = refuse
+
+    def _vector(self, entry: Document, key: str, *, rotation: bool = False) -> None:
+        """Reflect a vector, and reverse it if it is one of rotation; w of a quaternion stays."""
+        if key not in entry:
+            return
+        first, rest = entry[key][:3], entry[key][3:]
+        if len(first) < 3:
+            raise self._refuse(f"is possible in space only, where {key} has three numbers")
+        signs = [-s if rotation else s for s in self._signs]
+        entry[key] = [s * v if v else v for s, v in zip(signs, first, strict=True)] + rest
+
+    def frame(self, frame: Document, *, placed: bool) -> None:
+        """Reflect a frame, with its pose if it is ``placed`` in what is reflected."""
+        motion = frame["motion"]
+        if motion == "rolling":
+            raise self._refuse("is not possible with a rolling frame, which has no axis to reverse")
+        if motion != "fixed":
+            slides = motion == "prismatic"
+            frame.setdefault("axis", [1.0, 0.0, 0.0] if slides else [0.0, 0.0, 1.0])
+            self._vector(frame, "axis", rotation=not slides)
+        if placed:
+            self._vector(frame, "origin")
+            self._vector(frame, "rpy", rotation=True)
+            self._vector(frame, "quaternion", rotation=True)
+
+    def visual(self, shape: Document) -> None:
+        """Reflect a shape; a mesh by its scale."""
+        if "mesh" in shape:
+            shape.setdefault("scale", [1.0, 1.0, 1.0])
+        self._vector(shape, "scale")
+        self._vector(shape, "origin")
+        self._vector(shape, "rpy", rotation=True)
+
+    def node(self, node: Document, frames: Collection[str]) -> None:
+        """Reflect those vectors of a node that lie in some frames, or in none that it names."""
+        for key, carrier in _CARRIERS.items():
+            frame = node.get(carrier, node.get("frame") if key == "side" else None)
+            if frame is None or frame in frames:
+                rotation = key == "axis" and node["type"] != "swivel"
+                self._vector(node, key, rotation=rotation)
+                if rotation and "pitch" in node:
+                    node["pitch"] = -node["pitch"]

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.axes import ProfileReader, read_joints, read_motors
 from cdrj_ros.robot.cables import CableReader
@@ -135,12 +135,12 @@ def _residuals(document: Document, robot: Robot, refuse: Refusal) -> Iterator[Re
         path, output, inputs = f"residual[{k}]", entry["output"], entry["inputs"]
         if output not in channels or output in seen:
             what = "is taken already" if output in seen else "is no channel of this robot"
-            raise refuse(f"{path}.output", f"{output!r} {what}; there are {listed(channels)}")
+            raise refuse(f"{path}.output", f"{output!r} {what}; there are {ordered(channels)}")
         seen.add(output)
         if next(iter(inputs)) != output or not axes.issuperset([*inputs][1:]):
             raise refuse(
                 f"{path}.inputs",
-                f"must be {output}, then some of {', '.join(sorted(axes))}; got {listed(inputs)}",
+                f"must be {output}, then some of {', '.join(sorted(axes))}; got {ordered(inputs)}",
             )
         for name, (lower, upper) in inputs.items():
             if not lower + NARROWEST <= upper:
@@ -170,7 +170,8 @@ def _uncertainty(
     for name in errors:
         if name not in channels:
             raise refuse(
-                "uncertainty.model_error", f"has no channel {name!r}; there are {listed(channels)}"
+                "uncertainty.model_error",
+                f"has no channel {name!r}; there are {ordered(channels)}",
             )
     exact = entry.get("others") == "exact"
     known = complete_uncertainty(document, _stated(entry, refuse), exact=exact)
@@ -189,7 +190,7 @@ def _slipping(
     words = dict.fromkeys(wound, drums) if isinstance(drums, str) else drums
     for name in words:
         if name not in wound:
-            what = f"has no cable {name!r}; on drums are {listed(wound)}"
+            what = f"has no cable {name!r}; on drums are {ordered(wound)}"
             raise refuse("uncertainty.drums", what)
     return tuple(name for name in wound if words.get(name, default) == "may_slip")
 

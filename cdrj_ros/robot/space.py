@@ -17,7 +17,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from cdrj_ros.foundation.arrays import Matrix
-from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
 
 Vector3 = tuple[float, float, float]
@@ -191,10 +191,12 @@ def read_visuals(document: Document, frames: Collection[str], refuse: Refusal) -
     for k, entry in enumerate(document.get("visuals", ())):
         frame = entry.get("frame", "base")
         if frame not in frames:
-            raise refuse(f"visuals[{k}].frame", f"must be one of {listed(frames)}, got {frame!r}")
+            raise refuse(f"visuals[{k}].frame", f"must be one of {ordered(frames)}, got {frame!r}")
         shapes = [shape for shape in SHAPES if shape in entry]
         if len(shapes) != 1:
-            raise refuse(f"visuals[{k}]", f"needs one of {', '.join(SHAPES)}, got {listed(shapes)}")
+            raise refuse(
+                f"visuals[{k}]", f"needs one of {', '.join(SHAPES)}, got {ordered(shapes)}"
+            )
         (shape,) = shapes
         x, y, z = map(float, entry.get("origin", (0.0, 0.0, 0.0)))
         path = str(Path(refuse.source).parent / entry["mesh"]) if shape == "mesh" else ""

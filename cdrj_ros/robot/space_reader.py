@@ -8,7 +8,7 @@ from math import cos, hypot, sin, sqrt
 from types import MappingProxyType
 from typing import Final
 
-from cdrj_ros.foundation.errors import Refusal, listed
+from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import Coupling, coupled_frames
 from cdrj_ros.robot.space import (
@@ -103,7 +103,8 @@ def read_frames(
         parent = entry.get("parent", "base")
         if parent not in known:
             raise refuse(
-                f"{path}.parent", f"must name an earlier frame ({listed(known)}), got {parent!r}"
+                f"{path}.parent",
+                f"must name an earlier frame ({ordered(known)}), got {parent!r}",
             )
         motion, joint = _MOTIONS[entry["motion"]], entry.get("joint")
         if motion == "fixed" and joint is not None:
@@ -316,7 +317,7 @@ class PlaceReader:
 
     def _frame(self, path: str, name: str) -> str:
         if name not in self.frames:
-            raise self.refuse(path, f"must be one of {listed(self.frames)}, got {name!r}")
+            raise self.refuse(path, f"must be one of {ordered(self.frames)}, got {name!r}")
         return name
 
     def _check_side(self, path: str, entry: Document, axis: Vector3) -> None:

@@ -8,7 +8,7 @@ import pytest
 from support.places import PROTOTYPE
 
 import cdrj_ros as cdrj
-from cdrj_ros.evaluation.tables import of_robot
+from cdrj_ros.evaluation.inputs import of_robot
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.simulation.commands import CAUSES, CommandError, checked_command
-from cdrj_ros.simulation.drives import Drives, drive_limits
+from cdrj_ros.simulation.drives import CAUSES, CommandError, Drives, checked_command, drive_limits
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load
 

@@ -8,8 +8,7 @@ from support.energy import energy
 
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import prepare, shape_at
-from cdrj_ros.simulation.commands import checked_command
-from cdrj_ros.simulation.drives import Drives, drive_limits
+from cdrj_ros.simulation.drives import Drives, checked_command, drive_limits
 from cdrj_ros.simulation.faults import Snap
 from cdrj_ros.simulation.live import LONGEST_PUSH, MOST_TORQUE, LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load
