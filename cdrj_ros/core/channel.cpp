@@ -17,6 +17,7 @@ constexpr int STRAGGLERS = 100;            // that a channel may deliver after a
 constexpr Nanoseconds LAG_WINDOW_NS = 500'000'000;     // shortest window over which a lag is taken
 constexpr int LAG_READINGS = 8;            // fewest readings in one
 constexpr double ARRIVAL = 1e-3;           // standard deviation of even times of arrival [s]
+constexpr Nanoseconds EVEN_NS = 1'000'000;  // and what tells no speed
 constexpr double UNEVEN_FADES = 10.0;      // time constant [s], that of (C2)
 constexpr Nanoseconds OLDEST_NS = 45'000'000;  // a value may be so much older, unless that is stated
 constexpr double DEGREES = 180.0 / std::numbers::pi;  // in a radian
@@ -183,7 +184,7 @@ Cause Channel::complaint(const Axis& axis, Raw raw) const {
     if (last_ns >= 0) {
         const Nanoseconds known_ns = steps.repeats() ? steps.repeated_since_ns() : last_ns;
         const Nanoseconds ahead_ns = raw.stamp_ns - known_ns;
-        const double most = axis.max_speed * (ahead_ns * 1e-9);
+        const double most = axis.max_speed * (std::max({ahead_ns, mean_ns, EVEN_NS}) * 1e-9);
         if (ahead_ns > 0 && std::abs(angle - last) > most) return Cause::implausible;
     }
     return Cause::none;

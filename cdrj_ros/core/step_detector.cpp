@@ -125,9 +125,12 @@ bool StepDetector::is_step(const Motion& motion, double worth, Point next) {
         jump(before * to_before, moved, after * to_after, NOISE / (2.0 + to_before + to_after)),
         jump(before, moved, after, 1.0));
     const double least = std::max(NOISE * motion.band, BEYOND * memory.unexplained);
-    const double by = moved - 0.5 * (before * to_before + after * to_after);
-    const double most = std::max(std::abs(before) * to_before, std::abs(after) * to_after);
-    if (motion.travelled >= TRAVEL && std::abs(size) > least && std::abs(by) > most) {
+    const auto beyond = [moved](double earlier, double later) {
+        const double by = moved - 0.5 * (earlier + later);
+        return std::abs(by) > std::max(std::abs(earlier), std::abs(later)) ? by : 0.0;
+    };
+    const double by = unexplained(beyond(before * to_before, after * to_after), beyond(before, after));
+    if (motion.travelled >= TRAVEL && std::abs(size) > least && by != 0.0) {
         step_by(by, worth);
         return true;
     }

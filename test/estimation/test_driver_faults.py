@@ -15,6 +15,7 @@ from support.campaign import MS, SECOND, START, Course, course_of, judge
 from support.driver_faults import (
     Fault,
     Message,
+    bunched,
     feed,
     frozen,
     in_degrees,
@@ -84,6 +85,19 @@ def test_stamps_of_publication_keep_status_0(robot: Model, course: Course) -> No
     verdict = judge(course, feed(robot, messages), 2 * SECOND)
     assert verdict.ratio.size > 0.9 * verdict.judged
     assert verdict.beyond(5.0) <= LAW
+
+
+@pytest.mark.parametrize("hertz", [1000, 200])
+def test_messages_that_arrive_in_bunches_show_no_step_and_no_impossible_speed(
+    hertz: int, robot: Model, courses: Callable[[float], Course]
+) -> None:
+    lives: list[LiveEstimator] = []
+    messages = bunched(0.01)(messages_of(robot, courses(1.0), hertz))
+    outputs = feed(robot, messages, watch=lambda live, _: lives.append(live))
+    assert not any(lives[-1].conditioner.refused.values())
+    assert lives[-1].conditioner.steps == 0
+    verdict = judge(courses(1.0), outputs, 2 * SECOND)
+    assert verdict.ratio.size > 0.9 * verdict.judged
 
 
 def test_sensors_read_less_often_than_published_are_no_second_publisher(

@@ -184,6 +184,37 @@ def late_stamps(deviation_s: float) -> Fault:
     return spoil
 
 
+def bunched(interval_s: float) -> Fault:
+    """Messages wait for each other and have the stamps of their arrival, 30 us apart."""
+    interval = round(1e9 * interval_s)
+
+    def spoil(messages: list[Message]) -> list[Message]:
+        found: list[Message] = []
+        last = 0
+        for message in messages:
+            last = max(message.stamp_ns + -message.stamp_ns % interval, last + 30_000)
+            found.append(message._replace(stamp_ns=last))
+        return found
+
+    return spoil
+
+
+def slipping(axis: str, begin_s: float, by: float, lasting_s: float) -> Fault:
+    """The readings of an axis move away by so much [rad], evenly, and stay there."""
+
+    def spoil(messages: list[Message]) -> list[Message]:
+        place = messages[0].names.index(axis)
+        found = []
+        for message in messages:
+            share = ((message.stamp_ns - START) * 1e-9 - begin_s) / lasting_s
+            positions = list(message.positions)
+            positions[place] += by * min(max(share, 0.0), 1.0)
+            found.append(message._replace(positions=tuple(positions)))
+        return found
+
+    return spoil
+
+
 def repeated(times: int) -> Fault:
     """The sensors are read less often than they are published."""
     return lambda messages: [
