@@ -76,7 +76,7 @@ SampleView view_of(
 /// Standard deviations, to be written.
 Written stddev_of(const Ensemble& ensemble) { return Written({Index(ensemble.quantities.size())}); }
 
-std::span<const double> estimate_of(const Ensemble& ensemble, const Given& estimate) {
+std::span<double> estimate_of(const Ensemble& ensemble, const Written& estimate) {
     require(
         estimate.size() == Index(ensemble.robot().estimate_size()),
         "the estimate is not one of this robot");
@@ -101,7 +101,7 @@ std::tuple<HeldState, Written, bool, Written> step(
 template <auto METHOD>
 Written deviations(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
-    const Given& unseen, const Given& offset, const Given& estimate) {
+    const Given& unseen, const Given& offset, const Written& estimate) {
     const Written stddev = stddev_of(ensemble);
     (ensemble.*METHOD)(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
@@ -113,7 +113,7 @@ Written deviations(
 void follow(
     Ensemble& ensemble, const GivenIntegers& stamp_ns, const Given& motor_angle,
     const Given& joint_angle, const Given& unseen, const GivenIntegers& offset_rows, const Given& offset,
-    const Given& estimates, const Written& stddev) {
+    const Written& estimates, const Written& stddev) {
     const Sizes& sizes = ensemble.robot().topology.sizes;
     const Index samples = stamp_ns.size();
     const std::size_t lasting = 2 * ensemble.axes();
@@ -204,6 +204,7 @@ ByName<nb::any> memory_of(nb::handle self) {
     found["furthest"] = view(self, memory.furthest);
     found["turn_stamps"] = view(self, memory.turn_stamps);
     found["turn_angles"] = view(self, memory.turn_angles);
+    found["sudden_stamps"] = view(self, memory.sudden_stamps);
     found["deviation"] = view(self, memory.deviation, ensemble.members());
     found["lags"] = view(self, ensemble.lags.numbers);
     found["least_variance"] = view(self, memory.least_variance);
@@ -292,7 +293,7 @@ void bind_ensemble(nb::module_& core) {
 
             Args:
                 stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
-                estimate: shape (estimate_size,).)")
+                estimate: shape (estimate_size,); tensions that have changed suddenly become ``UNSURE``.)")
         .def(
             "predict", deviations<&Ensemble::predict>, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
             "unseen"_a, "offset"_a, "estimate"_a,

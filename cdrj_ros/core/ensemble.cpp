@@ -105,6 +105,7 @@ Ensemble::Ensemble(
     memory.furthest.resize(axes);
     memory.turn_stamps.resize(axes * TURNS);
     memory.turn_angles.resize(axes * TURNS * axes);
+    memory.sudden_stamps.resize(robot_.topology.sizes.elements);
     for (std::vector<double>* one :
          {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &small_,
           &errors_, &reading_}) {
@@ -132,18 +133,18 @@ bool Ensemble::step(
 }
 
 void Ensemble::update(
-    const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
+    const SampleView& sample, std::span<double> estimate, std::span<double> stddev) {
     roll_back();
     begin(sample, estimate);
-    finish(stddev);
+    finish(estimate, stddev);
     if (is_due(sample.stamp_ns)) update_members(1);
 }
 
 void Ensemble::predict(
-    const SampleView& sample, std::span<const double> estimate, std::span<double> stddev) {
+    const SampleView& sample, std::span<double> estimate, std::span<double> stddev) {
     if (!kept_) kept_ = {{}, memory};
     begin(sample, estimate);
-    finish(stddev);
+    finish(estimate, stddev);
 }
 
 void Ensemble::keep() {
@@ -178,6 +179,7 @@ void Ensemble::start_anew() {
     std::ranges::fill(memory.intervals, 0);
     std::ranges::fill(memory.heading, 0.0);
     std::ranges::fill(memory.turn_stamps, -1);
+    std::ranges::fill(memory.sudden_stamps, -1);
 }
 
 /// Take a sample, and update all members of cables whose motion since the last one is not small.
@@ -203,10 +205,11 @@ void Ensemble::begin(const SampleView& sample, std::span<const double> estimate)
     std::ranges::copy(unseen_, memory.unseen.begin());
 }
 
-/// Write the standard deviations at the sample that was taken.
-void Ensemble::finish(std::span<double> stddev) {
+/// Write the standard deviations at the sample that was taken, and what they leave in doubt.
+void Ensemble::finish(std::span<double> estimate, std::span<double> stddev) {
     if (!kept_) bound_errors();
     write_stddev(estimate_, stddev);
+    doubt_changes(estimate, stddev);
 }
 
 void Ensemble::take_angles(const SampleView& sample) {

@@ -22,6 +22,13 @@ inline constexpr double MOVED = 0.01;
 /// share of their standard deviations (U17).
 inline constexpr double SMALL = 0.3;
 
+/// A sudden change of a mean tension by more standard deviations of an element's makes it UNSURE: other
+/// errors may add two, and five are the law, (C16).
+inline constexpr double SUDDEN = 3.0;
+
+/// It does so for four blocks of `Lags`, after which the fit of lags contains the change.
+inline constexpr Nanoseconds SUDDEN_NS = 80'000'000;
+
 /// A sample, as the ensemble takes it.
 struct SampleView {
     Nanoseconds stamp_ns;
@@ -88,6 +95,7 @@ struct EnsembleMemory {
     std::vector<double> furthest;     // its angle furthest in this direction [rad]
     std::vector<Nanoseconds> turn_stamps;  // of its last turning points, the older ones first; -1 for none
     std::vector<double> turn_angles;  // of all axes there [rad], by these points
+    std::vector<Nanoseconds> sudden_stamps;  // of every element's last sudden change; -1 for none
     std::vector<double> deviation;    // of every member's quantities from the estimate's
     std::vector<double> variance;     // of every quantity, (U1)
 };
@@ -117,15 +125,13 @@ public:
     /// Write the standard deviations at a sample and its estimate.
     ///
     /// They are those before the update of the member in turn, which follows unless the last one is
-    /// too recent.
-    void update(
-        const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
+    /// too recent. Tensions that have changed suddenly become `UNSURE`.
+    void update(const SampleView& sample, std::span<double> estimate, std::span<double> stddev);
 
     /// As `update` at a predicted sample, which the ensemble forgets again at the next call.
     ///
     /// Members are updated only where the prediction adds to their deviations.
-    void predict(
-        const SampleView& sample, std::span<const double> estimate, std::span<double> stddev);
+    void predict(const SampleView& sample, std::span<double> estimate, std::span<double> stddev);
 
     /// Keep the history of all members, unless that has been done.
     void keep();
@@ -206,7 +212,8 @@ private:
 
     void keep_states();
     void begin(const SampleView& sample, std::span<const double> estimate);
-    void finish(std::span<double> stddev);
+    void finish(std::span<double> estimate, std::span<double> stddev);
+    void doubt_changes(std::span<double> estimate, std::span<const double> stddev);
     void take_angles(const SampleView& sample);
     void count_intervals();
     void note_turns(Nanoseconds before);

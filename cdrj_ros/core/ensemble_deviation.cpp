@@ -137,6 +137,19 @@ void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> s
     }
 }
 
+/// Doubts tensions while the mean of their cable has changed suddenly, (C16).
+void Ensemble::doubt_changes(std::span<double> estimate, std::span<const double> stddev) {
+    const Nanoseconds now = memory.progress.last_stamp;
+    for (std::size_t e = 0; e < memory.sudden_stamps.size(); ++e) {
+        const Index q = first_.tension_quantity + static_cast<Index>(e);
+        Nanoseconds& changed = memory.sudden_stamps[e];
+        if (!kept_ && lags.sudden(quantities[q].cable) > SUDDEN * stddev[q]) changed = now;
+        if (0 <= changed && changed <= now && now - changed <= SUDDEN_NS) {
+            doubt(estimate[first_.status + e]);
+        }
+    }
+}
+
 /// Variance of a quantity, but for what is small between readings and for slack cables.
 double Ensemble::shown(Index q, std::span<const double> nominal) const {
     const auto& [index, cable, axis, residual, unmodelled, slack] = quantities[q];

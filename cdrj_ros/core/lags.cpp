@@ -16,6 +16,9 @@ constexpr double MORE = 1.1;
 /// first, and half of it once the axes have moved to and fro.
 constexpr double SWUNG = 0.6;
 
+/// Standard deviations within which unread angles are.
+constexpr double BOUNDS = 3.0;
+
 double square(double x) { return x * x; }
 
 /// Widens a range, by its ends, to a value; whether that has changed it.
@@ -75,7 +78,7 @@ Lags::Lags(std::size_t axes, std::vector<double> gains)
         const LagFit fit{std::span(gains).subspan(c * axes, axes)};
         const std::size_t begin = size;
         size += 2 + 2 * own.size() + blocks.size() + fit.size();
-        cables_.push_back({std::move(own), std::move(own_gains), begin, blocks, fit, 1.0});
+        cables_.push_back({std::move(own), std::move(own_gains), begin, blocks, fit});
     }
     numbers.resize(size);
     for (const Cable& cable : cables_) {
@@ -113,9 +116,11 @@ bool Lags::take(
     std::span<const double> tensions) {
     const double now = static_cast<double>(stamp_ns) * 1e-9;
     for (std::size_t c = 0; c < cables_.size(); ++c) {
-        const auto& own = cables_[c].axes;
-        const bool read = std::ranges::none_of(own, [&](std::size_t a) { return unseen[a] > 0.0; });
-        if (read) take_cable(cables_[c], now, angles, tensions[c]);
+        Cable& cable = cables_[c];
+        double open = 0.0;
+        for (std::size_t k = 0; k < cable.axes.size(); ++k) open += cable.gains[k] * unseen[cable.axes[k]];
+        cable.sudden = std::max(change(cable, now, tensions[c]) - BOUNDS * open, 0.0);
+        if (open == 0.0) take_cable(cable, now, angles, tensions[c]);
     }
     return note_speeds(now, angles);
 }
@@ -137,9 +142,22 @@ bool Lags::note_speeds(double now, std::span<const double> angles) {
     return faster;
 }
 
+/// Change of a mean tension that neither its last block explains nor a line through two of them [N].
+double Lags::change(const Cable& cable, double now, double tension) {
+    const std::span<const double> memory = blocks_of(cable);
+    const Blocks& blocks = cable.blocks;
+    const double since = now - blocks.time(memory, 1);
+    if (!blocks.has(memory, 1) || !blocks.has(memory, 2)) return 0.0;
+    if (!(0.0 <= since && since <= LONGEST)) return 0.0;
+    const double last = blocks.mean(memory, 1, 0), before = blocks.mean(memory, 2, 0);
+    const double slope = (last - before) / (blocks.time(memory, 1) - blocks.time(memory, 2));
+    const double one = tension - last, other = one - slope * since;
+    return one * other > 0.0 ? std::min(std::abs(one), std::abs(other)) : 0.0;
+}
+
 /// Takes a sample at which all axes of a cable have been read.
 void Lags::take_cable(Cable& cable, double now, std::span<const double> angles, double tension) {
-    const auto& [axes, gains, begin, blocks, fit, late_share] = cable;
+    const auto& [axes, gains, begin, blocks, fit, late_share, sudden] = cable;
     const std::span<double> ranges = std::span(numbers).subspan(begin);
     const std::span<double> memory = blocks_of(cable);
     values_.assign(1, tension);

@@ -41,6 +41,9 @@ public:
     /// Share of the variance due to lags, (C10), that is possible in a cable, (U13) and (U18).
     double late_share(std::size_t cable) const { return cables_[cable].late_share; }
 
+    /// By how much a cable's mean tension has just changed, beyond how it changed before [N].
+    double sudden(std::size_t cable) const { return cables_[cable].sudden; }
+
     /// Greatest speed of an axis so far [rad/s].
     double fastest(std::size_t axis) const { return numbers[2 * axes_ + axis]; }
 
@@ -58,13 +61,15 @@ private:
         std::size_t begin;
         Blocks blocks;
         LagFit fit;
-        double late_share;
+        double late_share = 1.0;
+        double sudden = 0.0;
     };
 
     std::span<double> blocks_of(const Cable& cable);
     std::span<double> fit_of(const Cable& cable);
     std::span<const double> fit_of(const Cable& cable) const;
     bool note_speeds(double now, std::span<const double> angles);
+    double change(const Cable& cable, double now, double tension);
     void take_cable(Cable& cable, double now, std::span<const double> angles, double tension);
     void fit_to(const Cable& cable);
     void bound(Cable& cable);

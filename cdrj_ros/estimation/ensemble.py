@@ -194,7 +194,8 @@ class Ensemble:
         """Shift the members' stamps by ``by_ns`` [ns]."""
         self.stamps += by_ns
         memory = self.core.memory()
-        for stamps in (memory["progress"][LAST_STAMP:], memory["turn_stamps"]):
+        names = ("turn_stamps", "sudden_stamps")
+        for stamps in (memory["progress"][LAST_STAMP:], *(memory[name] for name in names)):
             stamps[stamps >= 0] += by_ns
 
     def step(self, state: State, sample: Sample) -> tuple[State, Estimate]:

@@ -25,6 +25,7 @@ from support.driver_faults import (
     repeated,
     scaled,
     second,
+    slipping,
     swapped,
     twice,
     zeroed,
@@ -219,6 +220,16 @@ def test_old_readings_of_a_slow_joint_are_found_although_few_counts_are_missed(
     outputs = feed(robot, messages)
     assert judge(slow, outputs, BEGIN + 100 * MS).ratio.size == 0
     assert judge(slow, outputs).beyond(5.0) <= LAW
+
+
+@pytest.mark.parametrize(("by", "readings"), [(0.02, 3), (0.1, 3), (0.1, 10)])
+@pytest.mark.parametrize("which", ["joints", "motors"])
+def test_a_slip_over_several_readings_leaves_no_wrong_tension_with_status_0(
+    which: str, by: float, readings: int, robot: Model, courses: Callable[[float], Course]
+) -> None:
+    axis = names_of(robot, which)[0]
+    messages = slipping(axis, BEGIN_S, by, readings / 200)(messages_of(robot, courses(1.0), 200))
+    assert judge(courses(1.0), feed(robot, messages)).beyond(5.0) <= LAW
 
 
 @pytest.mark.parametrize("lasting", [0.3, 1.5])

@@ -43,7 +43,7 @@ def test_what_motion_excludes_takes_no_status_0(model, course):
     verdict, (mean, stddev) = _run(model, course, 0)
     assert abs(mean) < 4e-3
     assert stddev < 5e-3
-    assert verdict.ratio.size > 0.85 * verdict.judged
+    assert verdict.ratio.size > 0.83 * verdict.judged
 
 
 # --- in cases computed by hand --------------------------------------------------------------------
@@ -94,6 +94,18 @@ def test_a_tension_that_follows_a_motion_exactly_shows_the_lag_as_five_errors_of
     first = 1.0 / hypot(5.09e-3, 12.27e-3) ** 2
     expected = 1.0 / sqrt(squares / variance + first)
     assert live.ensemble.core.lag[:, 1] == pytest.approx((0.0, expected), rel=0.03, abs=1e-4)
+
+
+def test_a_sudden_change_of_the_mean_tension_leaves_it_in_doubt_for_80_ms():
+    """The motor winds in 50 mrad within 50 ms, 1.1 N per reading; three of these exceed 2.4 N."""
+    live = LiveEstimator(prepare(parse_robot(PAIR.replace("0.00509, 0.01227", "1.0e-4, 1.0e-4"))))
+    found = list[Estimate]()
+    for k in range(250):
+        angle = 0.3 * sin(2.0 * pi * 0.01 * k)
+        wound = 0.01 * min(max(k - 200, 0), 5)
+        found += live.feed("both", START + 10 * k * MS, ("m", "q"), (angle - wound, angle))[1]
+    assert [k for k, one in enumerate(found[1:], 1) if one.status[0]] == [*range(203, 205 + 9)]
+    assert [one.stddev[0] for one in found[200:]] == pytest.approx([0.8] * 50, rel=0.02)
 
 
 def test_a_lag_is_worth_six_tenths_of_what_the_mean_tension_has_swung_at_most():
