@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -159,13 +159,13 @@ def _simulated(
     """
     plan = make_plan(model, arguments, rig)
     try:
-        return plan, _run(model, plan, arguments.cells), ""
+        return plan, _run(model, plan), ""
     except MotionError as error:
         refused = error
     for share in SMALLER_SHARES if adaptable(arguments) else ():
         smaller = make_plan(model, arguments, rig, share)
         try:
-            return smaller, _run(model, smaller, arguments.cells), str(refused)
+            return smaller, _run(model, smaller), str(refused)
         except MotionError:
             continue
     if isinstance(refused, SlackError):
@@ -176,24 +176,10 @@ def _simulated(
     raise refused
 
 
-def _run(model: Model, plan: Plan, cells: int) -> Truth:
+def _run(model: Model, plan: Plan) -> Truth:
     """Carry out the plan."""
-    given: dict[str, Any] = {}
-    if plan.mode == "forward":
-        given["load"] = plan.load
-    elif plan.mode == "balance":
-        # speed of the motion as sampled by the simulation, corners included
-        course = motion.differences(plan.time, plan.joints[:, plan.moved])
-        given = {
-            "joint_torque": plan.load.torque(*course),
-            "motor_speed": plan.motor_speed,
-            "motor_acceleration": plan.motor_acceleration,
-        }
     with ProgressBar("simulating", plan.time.size) as report:
-        return simulate(
-            model.robot, plan.time, plan.joints, cells=cells, progress=report, joint=plan.moved,
-            faults=plan.faults, allow_slack=plan.allow_slack, **given,
-        )  # fmt: skip
+        return simulate(model.robot, plan.time, plan.joints, progress=report, **plan.rule)
 
 
 def _slack_notes(model: Model, truth: Truth) -> list[str]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from math import radians
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,13 +17,11 @@ from cdrj_ros.robot.description import Joint, Motor, Robot
 from cdrj_ros.robot.names import known_name
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.drives import follow_joints
-from cdrj_ros.simulation.faults import CableFault
-from cdrj_ros.simulation.load import USUAL_PAYLOAD, Load, usual_load
+from cdrj_ros.simulation.load import USUAL_PAYLOAD, usual_load
 from cdrj_ros.simulation.rig_file import RigDescription
 from cdrj_ros.simulation.truth import SPEEDING_UP
 
-Mode = Literal["balance", "follow", "forward"]
-MODES: Final[tuple[Mode, ...]] = get_args(Mode)
+MODES: Final = ("balance", "follow", "forward")
 
 USUAL_AMPLITUDE_DEG: Final = 38.0
 """Default amplitude of a revolute joint, if its range allows it [deg]."""
@@ -69,16 +68,8 @@ class Plan:
     """[s], shape (n,)."""
     joints: Table
     """Prescribed angles [rad], shape (n, joints)."""
-    moved: int
-    """Index of the joint that is balanced or free."""
-    load: Load
-    mode: Mode
-    faults: tuple[CableFault, ...]
-    allow_slack: bool
-    motor_speed: float
-    """Largest speed of a motor that balances the joint [rad/s]."""
-    motor_acceleration: float
-    """Its largest acceleration [rad/s^2]."""
+    rule: dict[str, Any]
+    """How the rig is carried along: further arguments of ``simulate``."""
     slower: str
     """A note if the motion is slower than asked for; otherwise empty."""
     swings: tuple[Swing, ...]
@@ -115,7 +106,7 @@ def make_plan(
             raise UsageError(f"--joint must be one of {', '.join(names)}, got {name!r}")
     if len(set(chosen)) != len(chosen):
         raise UsageError("--joint names a joint twice")
-    mode: Mode = arguments.mode or ("balance" if len(names) == 1 else "follow")
+    mode = arguments.mode or ("balance" if len(names) == 1 else "follow")
     if mode != "follow" and len(chosen) > 1:
         raise UsageError(f"--mode {mode} moves only one joint; --mode follow moves several")
     moved = names.index(chosen[0])
@@ -133,10 +124,17 @@ def make_plan(
         moving = np.maximum(time - DWELL_S, 0.0) / slower
         joints = _prescribed(robot, np.minimum(time, DWELL_S) + moving, motions)
     load = rig.load.made(usual_load(robot, moved), USUAL_PAYLOAD, damping=0.0)
-    return Plan(
-        time, joints, moved, load, mode, rig.faults, arguments.allow_slack,
-        speed, acceleration, because, swings,
-    )  # fmt: skip
+    rule = {
+        "cells": arguments.cells, "joint": moved, "faults": rig.faults,
+        "allow_slack": arguments.allow_slack,
+    }  # fmt: skip
+    if mode == "forward":
+        rule["load"] = load
+    elif mode == "balance":
+        # speed of the motion as sampled by the simulation, corners included
+        torque = load.torque(*motion.differences(time, joints[:, moved]))
+        rule |= {"joint_torque": torque, "motor_speed": speed, "motor_acceleration": acceleration}
+    return Plan(time, joints, rule, because, swings)
 
 
 def _slower(
@@ -292,17 +290,32 @@ def _require(name: str, value: float, low: float, high: float) -> None:
         raise UsageError(f"--{name} must be in [{low:g}, {high:g}], got {value:g}")
 
 
-def numbers(name: str, text: str, count: int, low: float, high: float) -> list[float]:
+def numbers(
+    name: str,
+    text: str,
+    count: int,
+    low: float,
+    high: float,
+    number: Callable[[str], float] = float,
+    such_as: str = "",
+) -> list[float]:
     """One number for all, or one for each.
 
     Raises:
         UsageError: the text is not a list of numbers, their count is wrong or one is out of range.
     """
     try:
-        values = [float(part) for part in text.split(",")]
+        values = [number(part) for part in text.split(",")]
     except ValueError as error:
-        raise UsageError(f"--{name} must be numbers separated by commas, got {text!r}") from error
-    return _each(name, values, count, low, high)
+        raise UsageError(
+            f"--{name} must be numbers separated by commas{such_as}, got {text!r}"
+        ) from error
+    if len(values) not in (1, count):
+        wanted = "1 number" if count == 1 else f"1 or {count} numbers"
+        raise UsageError(f"--{name} takes {wanted}, got {len(values)}")
+    for value in values:
+        _require(name, value, low, high)
+    return values * count if len(values) == 1 else values
 
 
 def positions(name: str, text: str, prismatic: list[bool]) -> list[float]:
@@ -316,25 +329,11 @@ def positions(name: str, text: str, prismatic: list[bool]) -> list[float]:
     Raises:
         UsageError: as ``numbers``, or a prismatic joint gets an angle.
     """
-    parts = text.split(",")
-    if any(part.endswith("deg") for part in parts) and any(prismatic):
+    if any(part.endswith("deg") for part in text.split(",")) and any(prismatic):
         raise UsageError(f"--{name} of a prismatic joint is in m, got {text!r}")
-    try:
-        values = [
-            float(np.radians(float(part[:-3]))) if part.endswith("deg") else float(part)
-            for part in parts
-        ]
-    except ValueError as error:
-        raise UsageError(
-            f"--{name} must be numbers separated by commas, such as 0.3 or 20deg, got {text!r}"
-        ) from error
-    return _each(name, values, len(prismatic), -1e6, 1e6)
+    such_as = ", such as 0.3 or 20deg"
+    return numbers(name, text, len(prismatic), -1e6, 1e6, _position, such_as)
 
 
-def _each(name: str, values: list[float], count: int, low: float, high: float) -> list[float]:
-    if len(values) not in (1, count):
-        wanted = "1 number" if count == 1 else f"1 or {count} numbers"
-        raise UsageError(f"--{name} takes {wanted}, got {len(values)}")
-    for value in values:
-        _require(name, value, low, high)
-    return values * count if len(values) == 1 else values
+def _position(text: str) -> float:
+    return radians(float(text[:-3])) if text.endswith("deg") else float(text)

@@ -111,12 +111,16 @@ def status_of(
         "impossible times on /clock": str(health.clock_refused),
         "stamped on arrival": ", ".join(health.by_arrival) or "none",
     }
+    return diagnostic_status(name, level, message, live.model.robot.name, values)
+
+
+def diagnostic_status(
+    name: str, level: bytes, message: str, robot: str, values: Mapping[str, str]
+) -> DiagnosticStatus:
+    """A DiagnosticStatus whose hardware is a robot."""
+    shown = [KeyValue(key=key, value=value) for key, value in values.items()]
     return DiagnosticStatus(
-        level=level,
-        name=name,
-        message=message,
-        hardware_id=live.model.robot.name,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        level=level, name=name, message=message, hardware_id=robot, values=shown
     )
 
 
@@ -246,13 +250,9 @@ def verdict_of(name: str, live: LiveEstimator, found: Report, misfit: str = "") 
         misfit: why the readings of the encoders do not fit the robot file, if they do not.
     """
     values = {**found.values, "elements marked UNSURE": _marked(live)}
-    return DiagnosticStatus(
-        level=LEVELS["warn" if misfit else found.level],
-        name=name,
-        message=printable(f"not judged: {misfit}" if misfit else found.message),
-        hardware_id=live.model.robot.name,
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
+    level = LEVELS["warn" if misfit else found.level]
+    message = printable(f"not judged: {misfit}" if misfit else found.message)
+    return diagnostic_status(name, level, message, live.model.robot.name, values)
 
 
 def _marked(live: LiveEstimator) -> str:

@@ -7,7 +7,7 @@ from time import monotonic_ns, perf_counter, time_ns
 from typing import Any, Final
 
 from cdrj_msgs.srv import Push
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
-from cdrj_ros.nodes.diagnostics import diagnostic_array
+from cdrj_ros.nodes.diagnostics import diagnostic_array, diagnostic_status
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
 from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
@@ -240,13 +240,8 @@ class RigNode(Node):
             "commands not renewed in time": str(self.drives.timeouts),
             **{f"refused: {cause}": str(count) for cause, count in self.commands.refused.items()},
         }
-        return DiagnosticStatus(
-            level=level,
-            name=self.get_fully_qualified_name().lstrip("/"),
-            message=message,
-            hardware_id=rig.robot.name,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
+        name = self.get_fully_qualified_name().lstrip("/")
+        return diagnostic_status(name, level, message, rig.robot.name, values)
 
 
 def _body(argv: Sequence[str]) -> int:

@@ -24,9 +24,7 @@ def test_what_simulate_writes_by_default_has_status_0(hertz, model):
     """With a motor that balances a load, whose speed and acceleration are limited."""
     given = ["bag", "--robot", str(PROTOTYPE), "--frequency", hertz, "--duration", "12"]
     plan = make_plan(model, parser().parse_args(given), load_rig(""))
-    angle = plan.joints[:, 0]
-    torque = plan.load.torque(*motion.differences(plan.time, angle))
-    truth = simulate(model.robot, plan.time, angle, torque, plan.motor_speed)
+    truth = simulate(model.robot, plan.time, plan.joints, **plan.rule)
     course = recorded(model, truth)
     for rate in (1000, 50):
         verdict = judge(course, feed(model, messages_of(model, course, rate)), 5 * SECOND)
