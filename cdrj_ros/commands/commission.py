@@ -24,7 +24,7 @@ from cdrj_ros.foundation.files import check_new, check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.identification.fit import lacking, sentences
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.poses import pose_words
+from cdrj_ros.inspection.poses import pose_text
 from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
@@ -246,9 +246,10 @@ def _asked_for(now: Commissioned, name: str, *, live: bool) -> str | list[str]:
     first = _asked(f"{ASKED[name]} ({ways}empty: leave it out)")
     if name != "preload" or not first:
         return first
+    robot = now.model.robot
+    poses = [pose_text(robot, one.joint_angle) for one in now.poses[1:]]
     further = [
-        _asked(f"   in pose {k}, {pose_words(now.model.robot, pose)}: CABLE/ELEMENT=NEWTON,...")
-        for k, pose in enumerate(now.poses[1:], 2)
+        _asked(f"   in pose {k}, {one}: CABLE/ELEMENT=NEWTON,...") for k, one in enumerate(poses, 2)
     ]
     return [first, *further]
 

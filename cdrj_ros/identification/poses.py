@@ -20,6 +20,7 @@ from cdrj_ros.estimation.estimator import Sample, Samples
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.observations import Recorded, ScaleReading
+from cdrj_ros.inspection.poses import pose_text
 from cdrj_ros.model.packing import TENSION
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.tolerances import SCALE_READING
@@ -103,16 +104,6 @@ def _mean(samples: Samples, span: slice) -> Sample:
     )
 
 
-def pose_words(robot: Robot, pose: Sample) -> str:
-    """The angles of the joints."""
-    words = []
-    for joint, angle in zip(robot.joints, pose.joint_angle.tolist(), strict=True):
-        prismatic = joint.name in robot.prismatic_joints
-        shown = f"{1e3 * angle:.1f} mm" if prismatic else f"{np.degrees(angle):.1f}°"
-        words.append(f"{joint.name} {shown}")
-    return ", ".join(words)
-
-
 def scale_readings(
     robot: Robot,
     recorded: Recorded | None,
@@ -135,7 +126,7 @@ def scale_readings(
         UsageError: the readings are not those of the poses, or a name is none.
     """
     if len(readings) > 1 and len(readings) != len(poses):
-        rests = "; ".join(pose_words(robot, pose) for pose in poses)
+        rests = "; ".join(pose_text(robot, pose.joint_angle) for pose in poses)
         raise UsageError(
             f"the spring scale was read in {len(readings)} poses; the recording of the tare rests "
             f"for {1e-9 * REST_IN_POSE_NS:g} s or more in {len(poses)}"

@@ -238,8 +238,8 @@ def test_the_dialogue_asks_for_every_pose_and_says_the_same_as_options(
     arguments = ["--robot", str(robot), "--out"]
     assert commission.body([*arguments, str(tmp_path / "asked.yaml")], record) == 0
     rows = [re.findall(r"^preload: OK .*$", capsys.readouterr().out, re.MULTILINE)]
-    assert [re.findall(r"pose \d, elbow \S+°", one) for one in asked[2:5]] == [
-        ["pose 2, elbow -31.2°"], ["pose 3, elbow 32.8°"], ["pose 4, elbow 0.8°"]
+    assert [re.findall(r"pose \d, elbow = \S+°", one) for one in asked[2:5]] == [
+        ["pose 2, elbow = -31.2°"], ["pose 3, elbow = 32.8°"], ["pose 4, elbow = 0.8°"]
     ]  # fmt: skip
     options = [word for one in given for word in ("--preload", one)]
     bag = str(tmp_path / "asked_rest")
@@ -259,7 +259,7 @@ def test_readings_that_do_not_belong_to_the_poses_are_refused_in_one_line(tmp_pa
     rest = ["--rest", write(tmp_path / "rest")]
     for bag, readings, said in (
         ([], ["upper=30", "upper/8=31"], "was read in 2 poses; .* in 0"),
-        (rest, ["upper=30", "upper/8=31"], r"in 2 poses; .* in 4: elbow 0\.8°; elbow -31\.2°"),
+        (rest, ["upper=30", "upper/8=31"], r"in 2 poses; .* in 4: elbow = 0\.8°; elbow = -31\.2°"),
         (rest, ["upper=30", "upper=31", "", ""], "no element 'upper'; there are upper/1 to"),
         ([], ["upper/9=30"], "no element 'upper/9'; there are upper/1 to"),
         (rest, ["upper=30", "lower/8=31", "", ""], "lower/8: read the tension of lower in the ref"),
