@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -87,7 +87,7 @@ class Commissioned:
             more[name] = (*getattr(self.measured, name), *more[name])
         return commissioned(self.fresh, self.source, replace(self.measured, **more))
 
-    @property
+    @cached_property
     def model(self) -> Model:
         """The prepared robot of the text."""
         return prepare(parse_robot(self.text, self.source))
@@ -97,7 +97,7 @@ class Commissioned:
         """The prepared robot without what fits have found."""
         return prepare(parse_robot(self.base, self.source))
 
-    @property
+    @cached_property
     def heard(self) -> dict[str, float]:
         """Noise of the efforts that the robot publishes, as they were recorded [N m], by motor."""
         measured = self.measured

@@ -185,12 +185,12 @@ def _lines(numbers: StatedNumbers, indent: str) -> list[str]:
         f"{indent}parameters:",
         *(f"{indent}  - {path}" for path in numbers.paths),
         f"{indent}stddev: [{', '.join(yaml_number(s, 3) for s in numbers.stddev)}]",
-        f"{indent}correlation:",
+        f"{indent}correlation:  # its lower triangle",
         *(
             f"{indent}  - ["
-            + ", ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in row)
+            + ", ".join(f"{value:.5f}".rstrip("0").rstrip(".") for value in row[: k + 1])
             + "]"
-            for row in numbers.correlation
+            for k, row in enumerate(numbers.correlation)
         ),
     ]
 

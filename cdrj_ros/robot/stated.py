@@ -79,10 +79,19 @@ def stated_numbers(entry: Mapping[str, Any]) -> StatedNumbers:
     parts = []
     for one in (entry, *entry.get("groups", ())):
         paths = tuple(one.get("parameters", ()))
-        given: Any = one.get("correlation", np.eye(len(paths)))
-        correlation = np.array(given, dtype=float).reshape(len(paths), len(paths))
+        correlation = _correlation(one.get("correlation"), len(paths))
         parts.append(StatedNumbers(paths, tuple(map(float, one.get("stddev", ()))), correlation))
     return joined(parts)
+
+
+def _correlation(rows: Sequence[Sequence[float]] | None, size: int) -> Table:
+    """The correlation matrix of numbers from its rows, or from those of its lower triangle."""
+    matrix = np.eye(size)
+    for k, row in enumerate(rows or ()):
+        matrix[k, : len(row)] = row
+    if rows and len(rows[0]) < size:
+        matrix += np.tril(matrix, -1).T
+    return matrix
 
 
 def check_stated(entry: Document, refuse: Refusal) -> None:
@@ -107,10 +116,14 @@ def _check_group(place: str, entry: Document, refuse: Refusal) -> None:
             f"{place}.stddev",
             f"must have one entry for each of {len(names)} parameters, got {len(stddev)}",
         )
-    rows = entry.get("correlation", np.eye(len(names)).tolist())
-    if [len(row) for row in rows] != [len(names)] * len(names):
-        raise refuse(f"{place}.correlation", f"must have {len(names)} rows of {len(names)} numbers")
-    correlation = np.array(rows, dtype=float).reshape(len(names), len(names))
+    size, rows = len(names), entry.get("correlation")
+    lengths = [len(row) for row in rows] if rows is not None else [size] * size
+    if lengths not in ([size] * size, [*range(1, size + 1)]):
+        raise refuse(
+            f"{place}.correlation",
+            f"must have {size} rows of {size} numbers, or its lower triangle, of 1 to {size}",
+        )
+    correlation = _correlation(rows, size)
     if len(names) and (
         not np.allclose(correlation, correlation.T, atol=1e-6)
         or not np.allclose(np.diag(correlation), 1.0, atol=1e-6)

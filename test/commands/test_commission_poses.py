@@ -27,6 +27,7 @@ from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document, parse_robot
+from cdrj_ros.robot.stated import stated_numbers
 from cdrj_ros.robot.writer import with_section
 from cdrj_ros.simulation.assembly import divide_contacts
 from cdrj_ros.simulation.drives import follow_joints
@@ -187,7 +188,7 @@ def test_what_was_known_of_preloads_of_one_scale_is_kept_by_data_that_show_nothi
     i, j = (entry["parameters"].index(f"cables.{name}.preload") for name in ("upper", "lower"))
     assert stddev["cables.upper.preload"] == pytest.approx(0.045 * 30.0)
     common = 1.0 - (1.0 / 4.5) ** 2  # 1 % is its own
-    assert entry["correlation"][i][j] == pytest.approx(common, abs=1e-3)
+    assert stated_numbers(entry).correlation[i, j] == pytest.approx(common, abs=1e-3)
 
 
 def test_a_rest_is_a_pose_once_and_a_tare_does_not_begin_in_motion():
