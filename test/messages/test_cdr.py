@@ -61,12 +61,12 @@ def test_rosbags_reads_what_a_template_wrote(make, data, stamp_ns, names, frame_
         for name in chosen
     }
     payload = template.encode(stamp_ns, **arrays)
-    read = make.store.deserialize_cdr(payload, message.name)
+    read = make.STORE.deserialize_cdr(payload, message.name)
     assert read.header == make.header(stamp_ns, frame_id)
     assert read.name == list(names)
     for name in sequences:
         np.testing.assert_array_equal(getattr(read, name), arrays.get(name, []))
-    assert payload == bytes(make.store.serialize_cdr(read, message.name))
+    assert payload == bytes(make.STORE.serialize_cdr(read, message.name))
 
 
 @given(st.data(), st.lists(stamps, max_size=4), names)

@@ -43,7 +43,9 @@ def test_a_small_file_that_claims_much_is_one_line_or_its_good_part(tmp_path, na
 
 @pytest.mark.parametrize("chunked", [True, False])
 def test_a_file_that_is_cut_while_it_is_read_gives_what_comes_before(make, tmp_path, chunked):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(30_000), chunked=chunked, chunk_size=1 << 19)
+    path = make.write_mcap(
+        tmp_path / "a.mcap", make.swing(30_000), chunked=chunked, chunk_size=1 << 19
+    )
     done = subprocess.run(
         [sys.executable, "-c", CUT, str(path)], capture_output=True, text=True, check=False
     )

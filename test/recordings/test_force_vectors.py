@@ -103,7 +103,7 @@ def test_a_bag_whose_own_definition_has_no_arrays_of_components_is_read(make, sc
     forces = [(stamp, template.encode(stamp, magnitude=np.full(2, 2.0))) for stamp in stamps]
     angles = [(stamp, make.joint_state(stamp, ["m"], [0.0])) for stamp in stamps]
     of_angles = ("sensor_msgs/msg/JointState", "", angles)
-    path = make.topics(
+    path = make.write_topics(
         tmp_path / "own.mcap",
         {topics.motors: of_angles, topics.joints: of_angles,
          topics.references[1]: (kind, text, forces)},

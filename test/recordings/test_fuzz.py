@@ -33,7 +33,7 @@ def originals(make, tmp_path_factory):
     files = {}
     for compression in CompressionType:
         for chunked in (True, False):
-            path = make.mcap(
+            path = make.write_mcap(
                 folder / "a.mcap",
                 make.swing(COUNT),
                 compression=compression,
@@ -41,7 +41,7 @@ def originals(make, tmp_path_factory):
                 chunk_size=1500,
             )
             files[f"{compression.name}-{chunked}.mcap"] = path.read_bytes()
-    path = make.mcap(
+    path = make.write_mcap(
         folder / "a.mcap", make.swing(COUNT), compression=CompressionType.LZ4, chunk_size=1500,
         indexed=False,
     )  # fmt: skip

@@ -58,14 +58,14 @@ def test_every_channel_comes_back_as_it_was_written(tmp_path):
 
 @pytest.mark.parametrize("little_endian", [True, False])
 def test_motors_joints_and_efforts_may_share_one_topic(make, tmp_path, little_endian):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(300, little_endian=little_endian))
+    path = make.write_mcap(tmp_path / "a.mcap", make.swing(300, little_endian=little_endian))
     read = read_recording(path, ONE_TOPIC)
     assert list(read.motors) == list(read.joints) == ["motor", "joint"]
     np.testing.assert_array_equal(read.motors["motor"].value, np.arange(300))
     np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(300))
     np.testing.assert_array_equal(read.references["effort/joint"].value, -2 * np.arange(300))
     np.testing.assert_array_equal(
-        read.motors["motor"].stamp_ns, make.start_ns + np.arange(300) * MS
+        read.motors["motor"].stamp_ns, make.START_NS + np.arange(300) * MS
     )
 
 
@@ -76,8 +76,8 @@ def test_names_may_change_their_order_and_number_within_a_recording(make, tmp_pa
     for i in range(400):
         names = forms[i // 100 if i < 300 else i % 4]
         values = [angle[name] * (i + 1) for name in names]
-        messages.append((make.topic, i, make.joint_state(i + 1, names, values)))
-    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+        messages.append((make.TOPIC, i, make.joint_state(i + 1, names, values)))
+    read = read_recording(make.write_mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
     np.testing.assert_array_equal(read.motors["motor"].value, np.arange(400) + 1.0)
     np.testing.assert_array_equal(read.motors["motor"].log_ns, np.arange(400))
     has_joint = [i for i, (_, _, data) in enumerate(messages) if b"joint\0" in data]
@@ -98,30 +98,30 @@ def test_messages_that_are_refused_whole_are_counted(make, tmp_path):
         b'{"name": ["a"], "position": [1]}',
     ]
     payloads = [good, *bad, good, *bad, good, make.joint_state(1, [], [])]
-    messages = [(make.topic, i, payload) for i, payload in enumerate(payloads)]
-    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
-    assert read.malformed == {make.topic: 2 * len(bad)}
+    messages = [(make.TOPIC, i, payload) for i, payload in enumerate(payloads)]
+    read = read_recording(make.write_mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert read.malformed == {make.TOPIC: 2 * len(bad)}
     np.testing.assert_array_equal(read.motors["b"].log_ns, [0, 1 + len(bad), 2 * len(bad) + 2])
     np.testing.assert_array_equal(read.motors["b"].value, [2, 2, 2])
 
 
 def test_a_message_without_efforts_is_no_malformed_reference(make, tmp_path):
     messages = [
-        (make.topic, 0, make.joint_state(1, ["a"], [1])),
-        (make.topic, 1, make.joint_state(2, ["a"], [1], effort=[4])),
+        (make.TOPIC, 0, make.joint_state(1, ["a"], [1])),
+        (make.TOPIC, 1, make.joint_state(2, ["a"], [1], effort=[4])),
     ]
-    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
-    assert read.malformed == {make.topic: 0}
+    read = read_recording(make.write_mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert read.malformed == {make.TOPIC: 0}
     np.testing.assert_array_equal(read.references["effort/a"].log_ns, [1])
 
 
 def test_the_log_time_replaces_a_header_stamp_of_zero_and_a_note_says_so(make, tmp_path):
     for stamps, expected in (([0, 0, 0], [5, 6, 7]), ([0, 0, 3], [5, 6, 3]), ([1, 2, 4], None)):
         messages = [
-            (make.topic, 5 + i, make.joint_state(stamp, ["m"], [i]))
+            (make.TOPIC, 5 + i, make.joint_state(stamp, ["m"], [i]))
             for i, stamp in enumerate(stamps)
         ]
-        path = make.mcap(tmp_path / f"{stamps[2]}.mcap", messages)
+        path = make.write_mcap(tmp_path / f"{stamps[2]}.mcap", messages)
         read = read_recording(path, ONE_TOPIC)
         np.testing.assert_array_equal(read.motors["m"].stamp_ns, expected or stamps)
         assert read.motors["m"].by_arrival == bool(expected)
@@ -129,7 +129,7 @@ def test_the_log_time_replaces_a_header_stamp_of_zero_and_a_note_says_so(make, t
 
 
 def test_topics_that_are_missing_are_named_with_those_that_are_there(make, tmp_path):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(3))
+    path = make.write_mcap(tmp_path / "a.mcap", make.swing(3))
     with pytest.raises(BagError, match=r"a\.mcap has no topic /cdrj/motor_states.*/joint_states"):
         read_recording(path)
     with pytest.raises(BagError, match=r"no topic /nowhere.*--motor-topic and --joint-topic"):
@@ -139,13 +139,13 @@ def test_topics_that_are_missing_are_named_with_those_that_are_there(make, tmp_p
 
 
 def test_a_topic_of_another_type_is_refused_by_both_names(make, tmp_path):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(3), msgtype="std_msgs/msg/String")
+    path = make.write_mcap(tmp_path / "a.mcap", make.swing(3), msgtype="std_msgs/msg/String")
     with pytest.raises(BagError, match=r"std_msgs/msg/String, expected sensor_msgs/msg/JointState"):
         read_recording(path, ONE_TOPIC)
-    path = make.topics(
+    path = make.write_topics(
         tmp_path / "b.mcap",
         {
-            make.topic: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
+            make.TOPIC: ("sensor_msgs/msg/JointState", "", one_joint_state(make)),
             "/odd": ("std_msgs/msg/String", "", [(1, b"")]),
             "/tensions": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
         },
@@ -167,8 +167,8 @@ def test_a_definition_with_other_fields_is_used_if_it_has_what_is_needed(make, t
 
     def bag(definition, messages):
         angles = ("sensor_msgs/msg/JointState", "", one_joint_state(make))
-        topics = {make.topic: angles, "/t": (kind, definition, messages)}
-        return make.topics(tmp_path / "a.mcap", topics)
+        topics = {make.TOPIC: angles, "/t": (kind, definition, messages)}
+        return make.write_topics(tmp_path / "a.mcap", topics)
 
     own = text + "float32[] tension\n"
     template = Template(parse_definition(kind, own), ["u/1"])
@@ -181,22 +181,22 @@ def test_a_definition_with_other_fields_is_used_if_it_has_what_is_needed(make, t
 
 
 def test_messages_that_rosbag2_compressed_one_by_one_are_read_without_metadata(make, tmp_path):
-    plain = [(make.topic, i, make.joint_state(i + 1, ["a", "é"], [i, -i])) for i in range(60)]
+    plain = [(make.TOPIC, i, make.joint_state(i + 1, ["a", "é"], [i, -i])) for i in range(60)]
     packed = [(topic, i, zstandard.compress(data) if i % 3 else data) for topic, i, data in plain]
-    paths = [make.mcap(tmp_path / f"{k}.mcap", one) for k, one in enumerate((plain, packed))]
+    paths = [make.write_mcap(tmp_path / f"{k}.mcap", one) for k, one in enumerate((plain, packed))]
     for name in ("a", "é"):
         one, other = (read_recording(path, ONE_TOPIC).motors[name] for path in paths)
         np.testing.assert_array_equal(one.value, other.value)
         np.testing.assert_array_equal(one.stamp_ns, other.stamp_ns)
-    one, other = (list(read_messages(path, [make.topic])) for path in paths)
+    one, other = (list(read_messages(path, [make.TOPIC])) for path in paths)
     assert one == other
 
 
 def test_a_bomb_of_compressed_messages_is_refused_within_bounds(make, tmp_path):
     bomb, good = zstandard.compress(bytes(1 << 27)), make.joint_state(1, ["a"], [1])
-    messages = [(make.topic, 0, bomb), (make.topic, 1, good)]
-    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
-    assert read.malformed == {make.topic: 1}
+    messages = [(make.TOPIC, 0, bomb), (make.TOPIC, 1, good)]
+    read = read_recording(make.write_mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    assert read.malformed == {make.TOPIC: 1}
     assert read.motors["a"].value.tolist() == [1.0]
 
 
@@ -210,12 +210,12 @@ def test_a_bomb_of_compressed_messages_is_refused_within_bounds(make, tmp_path):
 def test_messages_in_another_form_are_named_with_what_to_do(make, tmp_path, spoiled, words):
     """The second version of CDR, and rosbag2's message mode of compression, cut off."""
     good = make.joint_state(1, ["a"], [1])
-    messages = [(make.topic, i, spoiled(good, i)) for i in range(6)]
-    path = make.mcap(tmp_path / "a.mcap", messages)
+    messages = [(make.TOPIC, i, spoiled(good, i)) for i in range(6)]
+    path = make.write_mcap(tmp_path / "a.mcap", messages)
     with pytest.raises(BagError, match=f"6 malformed messages, the first: .*{words}"):
         read_recording(path, ONE_TOPIC)
-    read = read_recording(make.mcap(path, [*messages, (make.topic, 6, good)]), ONE_TOPIC)
-    assert read.malformed == {make.topic: 6}
+    read = read_recording(make.write_mcap(path, [*messages, (make.TOPIC, 6, good)]), ONE_TOPIC)
+    assert read.malformed == {make.TOPIC: 6}
     assert any(re.search(words, note) for note in read.notes)
 
 
@@ -231,8 +231,8 @@ def test_a_reference_that_is_not_a_measurement_is_left_out_with_a_note(tmp_path)
 
 
 def test_control_characters_in_names_are_escaped(make, tmp_path):
-    messages = [(make.topic, 1, make.joint_state(1, ["a\x1b[31m\nb"], [1]))]
-    read = read_recording(make.mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
+    messages = [(make.TOPIC, 1, make.joint_state(1, ["a\x1b[31m\nb"], [1]))]
+    read = read_recording(make.write_mcap(tmp_path / "a.mcap", messages), ONE_TOPIC)
     assert list(read.motors) == [r"a\x1b[31m\nb"]
 
 

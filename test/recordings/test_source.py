@@ -25,7 +25,7 @@ def three_topics(make, tmp_path):
             (f"/t{i % 3}", int(t), make.joint_state(int(t), [f"{part}"], [i]))
             for i, t in enumerate(times)
         ]
-        make.mcap(folder / f"bag_{part}.mcap", messages, chunk_size=2000)
+        make.write_mcap(folder / f"bag_{part}.mcap", messages, chunk_size=2000)
         everything += messages
     return folder, everything
 
@@ -50,9 +50,9 @@ def test_arguments_are_checked_before_the_first_message(make, tmp_path, three_to
     folder, _ = three_topics
     with pytest.raises(BagError, match=r"none of the topics /x, but /t0, /t1, /t2"):
         read_messages(folder, ["/x"])
-    path = make.mcap(tmp_path / "a.mcap", make.swing(3), encoding="json")
+    path = make.write_mcap(tmp_path / "a.mcap", make.swing(3), encoding="json")
     with pytest.raises(BagError, match="'json', expected 'cdr'"):
-        read_messages(path, [make.topic])
+        read_messages(path, [make.TOPIC])
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 50)), max_size=60))

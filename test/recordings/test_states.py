@@ -16,7 +16,7 @@ from cdrj_ros.recordings.source import read_messages
 @pytest.mark.parametrize("indexed", [True, False])
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_compressed_chunks_or_none_indexed_or_not(make, tmp_path, compression, indexed, chunked):
-    path = make.mcap(
+    path = make.write_mcap(
         tmp_path / "a.mcap",
         make.swing(COUNT),
         compression=compression,
@@ -31,7 +31,7 @@ def split_bag(make, folder, parts):
     folder.mkdir()
     for i in range(parts):
         part = make.swing(COUNT)[i * COUNT // parts : (i + 1) * COUNT // parts]
-        make.mcap(folder / f"{folder.name}_{i}.mcap", part)
+        make.write_mcap(folder / f"{folder.name}_{i}.mcap", part)
     return folder
 
 
@@ -57,7 +57,7 @@ def test_a_part_that_cannot_be_read_is_left_out_with_the_reason(make, tmp_path):
 
 def test_of_several_recordings_in_a_folder_the_one_named_after_it_is_read(make, tmp_path):
     folder = split_bag(make, tmp_path / "bag", 2)
-    make.mcap(folder / "other.mcap", make.swing(5))
+    make.write_mcap(folder / "other.mcap", make.swing(5))
     assert check_whole(folder) == ("other recordings in the folder were left out: other",)
     folder = folder.rename(tmp_path / "renamed")
     with pytest.raises(BagError, match=r"holds 2 recordings \(bag, other\): name one"):
@@ -104,7 +104,7 @@ def check_prefix(path, whole):
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression):
-    path = make.mcap(
+    path = make.write_mcap(
         tmp_path / "whole.mcap", make.swing(500), compression=compression, chunk_size=1_000
     )
     whole, content = read_recording(path, ONE_TOPIC), path.read_bytes()
@@ -124,7 +124,7 @@ def test_a_bag_cut_anywhere_gives_all_that_is_intact(make, tmp_path, compression
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_a_chunk_that_is_damaged_is_left_out_and_noted(make, tmp_path, compression, claims):
     """One byte fails its checksum; or its records claim more bytes than a number of them can be."""
-    path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT), compression=compression)
+    path = make.write_mcap(tmp_path / "a.mcap", make.swing(COUNT), compression=compression)
     content = bytearray(path.read_bytes())
     if claims:
         with path.open("rb") as stream:
@@ -142,7 +142,7 @@ def test_a_chunk_that_is_damaged_is_left_out_and_noted(make, tmp_path, compressi
 
 
 def test_an_index_that_leaves_out_a_chunk_is_not_trusted(make, tmp_path):
-    path = make.mcap(tmp_path / "a.mcap", make.swing(COUNT))
+    path = make.write_mcap(tmp_path / "a.mcap", make.swing(COUNT))
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     content = path.read_bytes()

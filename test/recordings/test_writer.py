@@ -123,7 +123,7 @@ def test_a_topic_may_be_written_in_pieces_and_out_of_order(tmp_path):
 
 def test_a_copied_type_keeps_the_definition_it_had(make, tmp_path):
     fields = "string[] name\nfloat32[] tension\n"
-    path = make.topics(
+    path = make.write_topics(
         tmp_path / "a.mcap",
         {
             "/ours": ("cdrj_msgs/msg/CableTensions", "", [(1, b"")]),
@@ -145,7 +145,7 @@ def test_a_copied_type_keeps_the_definition_it_had(make, tmp_path):
 
 def test_a_copy_holds_the_same_messages_beside_new_ones(make, tmp_path, written):
     path, _ = written
-    other = make.mcap(tmp_path / "other.mcap", make.swing(50))
+    other = make.write_mcap(tmp_path / "other.mcap", make.swing(50))
     with BagWriter(tmp_path / "copy") as bag:
         bag.copy(path)
         bag.copy(other, ["/joint_states", "/not/there"])
