@@ -15,7 +15,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from math import exp, inf
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -226,8 +225,7 @@ def judge(
     if sum(one.number for one in heard) < LEAST_NUMBER:
         return Verdict(broken=broken) if any(one.frozen for one in every) else None
     fit = _Fit(unknowns, heard)
-    chosen = fit.select()
-    said = fit.named([one.change for one in before.found] if before is not None else ())
+    chosen = fit.select([one.change for one in before.found] if before is not None else ())
     mean, _, left = fit.solve(chosen)
     squares = [one.squares(mean[fit.places(k)]) for k, one in enumerate(heard)]
     deviation = {
@@ -239,7 +237,7 @@ def judge(
     unexplained = max(1.0, weighed / max(independent, 1.0))
     opposite = tuple(one.sensor.name for one in heard if _is_opposite(one, unknowns))
     swapped = _swapped(heard)
-    found = tuple(fit.finding(said, one) for one in said)
+    found = tuple(fit.finding(chosen, one) for one in chosen)
     explanations = fit.explanations(chosen) if any(one.matters for one in found) else ()
     return Verdict(
         found, "" if opposite or swapped else broken, left, unexplained, tuple(explanations),
@@ -404,21 +402,16 @@ class _Fit:
         mean_square = np.maximum((rest[-1, -1] - gains) / self.number, 1.0)
         return gains, 0.5 * (gains / mean_square - np.log1p(k * large / mean_square))
 
-    def named(self, before: Sequence[Change]) -> list[Change]:
-        """Those to be said: the likeliest; those of ``before`` if they explain it as well."""
-        return self.select(
-            {one: own + AS_GOOD * (one in before) for one, own in self.likely.items()}
-        )
-
-    def select(self, likely: Mapping[Change, float] = MappingProxyType({})) -> list[Change]:
-        """The fewest changes that explain the evidence; ``likely``: added to their log odds."""
+    def select(self, before: Sequence[Change]) -> list[Change]:
+        """The fewest changes that explain the evidence, those of ``before`` if they do as well."""
+        likely = {one: own + AS_GOOD * (one in before) for one, own in self.likely.items()}
         chosen: list[Change] = []
         refused: list[Change] = []
         while len(chosen) < MOST:
             _, _, rest = self._without(self._at(chosen))
             others = [one for one in self.changes if one not in chosen and one not in refused]
             gains, odds = self._odds(rest, others)
-            best = int(np.argmax(odds + [likely.get(one, 0.0) for one in others]))
+            best = int(np.argmax(odds + [likely[one] for one in others]))
             explained = self.sums[-1, -1] - rest[-1, -1] + gains[best]
             if odds[best] < CERTAIN or gains[best] < FURTHER * explained:
                 break
