@@ -143,72 +143,54 @@ void expect(Conditioner& conditioner, const Given& angles, Nanoseconds stamp_ns)
     conditioner.expect(span_of(angles), stamp_ns);
 }
 
-/// Fields of `Samples`, as `Recording.advance` gives them.
-using Piece = nb::typed<
-    nb::tuple, bool, GivenIntegers, Given, Given, GivenIntegers, Given, GivenIntegers, Given, GivenIntegers, GivenIntegers>;
+/// Fields of `Samples`.
+using Columns = nb::typed<
+    nb::tuple, GivenIntegers, Given, Given, Given, GivenFlags, GivenIntegers, Given, GivenIntegers>;
 
-Piece tuple_of(const Samples& samples, Index motors, Index joints) {
+Columns tuple_of(const Samples& samples, Index motors, Index joints) {
     const auto n = static_cast<Index>(samples.stamp_ns.size());
-    const auto unseen = static_cast<Index>(samples.unseen_rows.size());
+    const bool seen = samples.unseen.empty();
     const auto changes = static_cast<Index>(samples.offset_rows.size());
     return nb::make_tuple(
-        samples.after_jump,
         copy_of(samples.stamp_ns),
         copy_of(samples.motor, {n, motors}),
         copy_of(samples.joint, {n, joints}),
-        copy_of(samples.unseen_rows),
-        copy_of(samples.unseen, {unseen, 2, motors + joints}),
+        seen ? copy_of(samples.unseen, {0, 0, 0}) : copy_of(samples.unseen, {n, 2, motors + joints}),
+        copy_of(samples.doubtful, {static_cast<Index>(samples.doubtful.size())}),
         copy_of(samples.offset_rows),
         copy_of(samples.offset, {changes, 2, motors + joints}),
-        copy_of(samples.doubtful),
         copy_of(samples.after_gap));
 }
 
-/// A recording, with the arrays that it reads.
-class HeldRecording {
-public:
-    using GivenSeries =
-        std::tuple<Topic, std::string, GivenIntegers, GivenIntegers, Given, bool>;
+/// Stamps, times of arrival and readings of a name on a topic, and whether stamps are those times.
+using GivenSeries = std::tuple<Topic, std::string, GivenIntegers, GivenIntegers, Given, bool>;
 
-    HeldRecording(Conditioner& conditioner, std::vector<GivenSeries> given)
-        : given_(std::move(given)), conditioner_(conditioner), recording_(conditioner, series()) {}
-    HeldRecording(const HeldRecording&) = delete;  // views of its own arrays
-    HeldRecording& operator=(const HeldRecording&) = delete;
-
-    bool is_over() const { return recording_.is_over(); }
-
-    List<Piece> advance(std::size_t most) {
-        std::vector<Samples> pieces;
-        {
-            const nb::gil_scoped_release others_may_run;
-            pieces = recording_.advance(most);
-        }
-        const std::size_t motors = conditioner_.motors();
-        nb::list found;
-        for (const Samples& piece : pieces) {
-            found.append(tuple_of(piece, motors, conditioner_.axes().size() - motors));
-        }
-        return found;
+/// `condition` of a whole recording, which signals may end.
+List<Columns> condition_recording(Conditioner& conditioner, const std::vector<GivenSeries>& given) {
+    std::vector<Series> series;
+    for (const auto& [topic, name, stamp_ns, arrival_ns, value, by_arrival] : given) {
+        require(
+            stamp_ns.size() == value.size() && arrival_ns.size() == value.size(),
+            "a series needs as many stamps and arrivals as values");
+        series.push_back(
+            {conditioner.find(topic, name), span_of(stamp_ns), span_of(arrival_ns), span_of(value),
+             by_arrival});
     }
-
-private:
-    std::vector<Series> series() const {
-        std::vector<Series> found;
-        for (const auto& [topic, name, stamp_ns, arrival_ns, value, by_arrival] : given_) {
-            require(
-                stamp_ns.size() == value.size() && arrival_ns.size() == value.size(),
-                "a series needs as many stamps and arrivals as values");
-            found.push_back(
-                {conditioner_.find(topic, name), span_of(stamp_ns),
-                 span_of(arrival_ns), span_of(value), by_arrival});
-        }
-        return found;
+    std::vector<Samples> segments;
+    {
+        const nb::gil_scoped_release others_may_run;
+        segments = condition(conditioner, series, [] {
+            const nb::gil_scoped_acquire alone;
+            if (PyErr_CheckSignals() != 0) throw nb::python_error();
+        });
     }
-
-    std::vector<GivenSeries> given_;
-    Conditioner& conditioner_;
-    Recording recording_;
-};
+    const std::size_t motors = conditioner.motors();
+    nb::list found;
+    for (const Samples& one : segments) {
+        found.append(tuple_of(one, motors, conditioner.axes().size() - motors));
+    }
+    return found;
+}
 
 Written angles_of_array(const Axis& axis, const Given& readings) {
     return copy_of(angles_of(axis, span_of(readings)));
@@ -374,26 +356,20 @@ void bind_conditioning(nb::module_& core) {
         .value("BOTH", Topic::both);
     bind_axis(core);
     bind_conditioner(core);
-    nb::class_<HeldRecording>(core, "Recording",
-        "Readings of a recording, fed to a conditioner in order of arrival.")
-        .def(
-            nb::init<Conditioner&, std::vector<HeldRecording::GivenSeries>>(), "conditioner"_a,
-            "series"_a, nb::keep_alive<1, 2>(), R"(
-            Prepare.
+    core.def("condition", &condition_recording, "conditioner"_a, "series"_a, R"(
+        Take all readings of a recording in order of arrival.
 
-            Args:
-                conditioner: takes the readings.
-                series: topic, name, stamps [ns], times of arrival [ns] and readings [rad] of channels.)")
-        .def_prop_ro("is_over", &HeldRecording::is_over)
-        .def("advance", &HeldRecording::advance, "most"_a, R"(
-            Take up to ``most`` readings.
+        Args:
+            conditioner: takes the readings.
+            series: topic, name, stamps [ns], times of arrival [ns] and readings [rad] of channels, and
+                whether the stamps are those times.
 
-            Returns:
-                One piece of samples, and a further one after every jump of the clock: whether the clock
-                went back before it; stamps [ns], shape (n,); angles of motors and of joints [rad],
-                shapes (n, motors) and (n, joints); rows that have ``unseen``, and these,
-                shape (rows, 2, axes); rows that have ``offset``, and these, shape (rows, 3, axes); rows
-                that are doubtful; rows in gaps and the first after them.)");
+        Returns:
+            One segment of samples, and a further one after every jump of the clock back: stamps [ns],
+            shape (n,); angles of motors and of joints [rad], shapes (n, motors) and (n, joints);
+            ``unseen``, shape (n, 2, axes), or (0, 0, 0) where all are zero; whether samples are
+            doubtful, shape (n,), or (0,) where none is; rows that have ``offset``, and these,
+            shape (rows, 2, axes); rows in gaps and the first after them.)");
     nb::class_<TrackingFilter>(core, "TrackingFilter",
         "A filter of the angle between the counts of a sensor, (C1) of docs/estimation.md.")
         .def(nb::init<>(), "Start without readings.")

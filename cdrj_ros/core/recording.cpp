@@ -1,9 +1,12 @@
 #include "recording.hpp"
 
-#include <utility>
+#include <algorithm>
 
 namespace cdrj {
 namespace {
+
+/// Readings between two pauses.
+constexpr std::size_t BETWEEN_PAUSES = 65'536;
 
 void append(Samples& samples, const Sample& sample, std::size_t motors) {
     const std::size_t row = samples.stamp_ns.size();
@@ -12,30 +15,35 @@ void append(Samples& samples, const Sample& sample, std::size_t motors) {
     samples.motor.insert(samples.motor.end(), sample.angle.begin(), joints);
     samples.joint.insert(samples.joint.end(), joints, sample.angle.end());
     if (!sample.unseen.empty()) {
-        samples.unseen_rows.push_back(row);
+        samples.unseen.resize(row * sample.unseen.size());
         samples.unseen.insert(samples.unseen.end(), sample.unseen.begin(), sample.unseen.end());
     }
     if (!sample.offset.empty()) {
-        samples.offset_rows.push_back(row);
+        samples.offset_rows.push_back(static_cast<std::int64_t>(row));
         samples.offset.insert(samples.offset.end(), sample.offset.begin(), sample.offset.end());
     }
-    if (sample.doubtful) samples.doubtful.push_back(row);
-    if (sample.after_gap) samples.after_gap.push_back(row);
+    if (sample.doubtful) {
+        samples.doubtful.resize(row);
+        samples.doubtful.push_back(true);
+    }
+    if (sample.after_gap) samples.after_gap.push_back(static_cast<std::int64_t>(row));
 }
 
-}  // namespace
-
-Recording::Recording(Conditioner& conditioner, std::vector<Series> series)
-    : conditioner_(conditioner), series_(std::move(series)), taken_(series_.size(), 0) {}
+/// Fill what the last samples have none of.
+void complete(Samples& samples) {
+    const std::size_t n = samples.stamp_ns.size(), angles = samples.motor.size() + samples.joint.size();
+    if (!samples.unseen.empty()) samples.unseen.resize(2 * angles);
+    if (!samples.doubtful.empty()) samples.doubtful.resize(n);
+}
 
 /// The series whose next reading arrived first; their number where there is none.
-std::size_t Recording::next() const {
-    std::size_t first = series_.size();
+std::size_t next(std::span<const Series> series, std::span<const std::size_t> taken) {
+    std::size_t first = series.size();
     Nanoseconds earliest_ns = 0;
-    for (std::size_t s = 0; s < series_.size(); ++s) {
-        if (taken_[s] == series_[s].arrival_ns.size()) continue;
-        const Nanoseconds arrival_ns = series_[s].arrival_ns[taken_[s]];
-        if (first == series_.size() || arrival_ns < earliest_ns) {
+    for (std::size_t s = 0; s < series.size(); ++s) {
+        if (taken[s] == series[s].arrival_ns.size()) continue;
+        const Nanoseconds arrival_ns = series[s].arrival_ns[taken[s]];
+        if (first == series.size() || arrival_ns < earliest_ns) {
             first = s;
             earliest_ns = arrival_ns;
         }
@@ -43,27 +51,27 @@ std::size_t Recording::next() const {
     return first;
 }
 
-bool Recording::is_over() const {
-    return next() == series_.size();
-}
+}  // namespace
 
-std::vector<Samples> Recording::advance(std::size_t most) {
-    std::vector<Samples> pieces(1);
-    for (; most > 0; --most) {
-        const std::size_t s = next();
-        if (s == series_.size()) break;
-        const Series& one = series_[s];
-        const std::size_t i = taken_[s]++;
-        const std::int64_t jumps = conditioner_.clock_jumps;
-        const std::vector<Sample> samples = conditioner_.take(
+std::vector<Samples> condition(
+    Conditioner& conditioner, std::span<const Series> series, const std::function<void()>& pause) {
+    std::vector<Samples> segments(1);
+    std::vector<std::size_t> taken(series.size(), 0);
+    for (std::size_t done = 0, s = 0; (s = next(series, taken)) < series.size(); ++done) {
+        if (done % BETWEEN_PAUSES == 0) pause();
+        const Series& one = series[s];
+        const std::size_t i = taken[s]++;
+        const std::int64_t jumps = conditioner.clock_jumps;
+        const std::vector<Sample> samples = conditioner.take(
             one.stamp_ns[i], std::span(&one.target, 1), one.value.subspan(i, 1),
             {one.arrival_ns[i], one.by_arrival});
-        if (conditioner_.clock_jumps != jumps) pieces.push_back({.after_jump = true});
+        if (conditioner.clock_jumps != jumps) segments.emplace_back();
         for (const Sample& sample : samples) {
-            append(pieces.back(), sample, conditioner_.motors());
+            append(segments.back(), sample, conditioner.motors());
         }
     }
-    return pieces;
+    std::ranges::for_each(segments, complete);
+    return segments;
 }
 
 }  // namespace cdrj

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros._core import Axis
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
-from cdrj_ros.estimation.estimator import ALL_SEEN_OVER_TIME, NO_DOUBTS, Samples
+from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
 from cdrj_ros.foundation.arrays import Series, Table, Vector
@@ -260,10 +260,6 @@ class Conditioner(_core.Conditioner):
         self.use_tracking_of(axes_of(self._robot, tracking, self.worth))
 
 
-PIECE: Final = 65_536
-"""Readings taken at a time; the results do not depend on it."""
-
-
 @dataclass(frozen=True)
 class Conditioned:
     """The samples of a whole recording, and how many readings were refused."""
@@ -286,21 +282,6 @@ class Conditioned:
         return "; ".join(one for one in words if one)
 
 
-class _Piece(NamedTuple):
-    """Consecutive samples, see ``_core.Recording.advance``."""
-
-    after_jump: bool
-    stamp_ns: NDArray[np.int64]
-    motor_angle: NDArray[np.float64]
-    joint_angle: NDArray[np.float64]
-    unseen_rows: NDArray[np.uint64]
-    unseen: NDArray[np.float64]
-    offset_rows: NDArray[np.uint64]
-    offset: NDArray[np.float64]
-    doubtful: NDArray[np.uint64]
-    after_gap: NDArray[np.uint64]
-
-
 def condition(
     robot: Robot,
     motors: Mapping[str, Series],
@@ -319,7 +300,7 @@ def condition(
         The samples, and how many readings were refused.
     """
     conditioner = Conditioner(robot)
-    recording = _core.Recording(
+    segments = _core.condition(
         conditioner,
         [
             (topic, name, readings.stamp_ns, readings.log_ns, readings.value, readings.by_arrival)
@@ -327,15 +308,8 @@ def condition(
             for name, readings in channels.items()
         ],
     )
-    segments: list[list[_Piece]] = [[]]
-    while not recording.is_over:
-        for piece in map(_Piece._make, recording.advance(PIECE)):
-            if piece.after_jump:
-                segments.append([])
-            if piece.stamp_ns.size:
-                segments[-1].append(piece)
     return Conditioned(
-        tuple(_joined(pieces) for pieces in segments if pieces),
+        tuple(Samples(*columns) for columns in segments if columns[0].size),
         conditioner.refused,
         conditioner.accepted,
         conditioner.clock_jumps,
@@ -344,37 +318,6 @@ def condition(
         conditioner.ahead,
         conditioner.take_refused(),
     )
-
-
-def _joined(pieces: list[_Piece]) -> Samples:
-    """The samples of all pieces, of which none is kept: an hour of samples takes much memory."""
-    n = sum(piece.stamp_ns.size for piece in pieces)
-    motors, joints = pieces[0].motor_angle.shape[1], pieces[0].joint_angle.shape[1]
-    stamp_ns = np.empty(n, dtype=np.int64)
-    motor_angle, joint_angle = np.empty((n, motors)), np.empty((n, joints))
-    unseen, doubtful = ALL_SEEN_OVER_TIME, NO_DOUBTS
-    rows, offsets, gaps = [], [], []
-    if any(piece.unseen_rows.size for piece in pieces):
-        unseen = np.zeros((n, 2, motors + joints))
-    if any(piece.doubtful.size for piece in pieces):
-        doubtful = np.zeros(n, dtype=np.bool_)
-    pieces.reverse()
-    begin = 0
-    while pieces:
-        piece = pieces.pop()
-        here = slice(begin, begin + piece.stamp_ns.size)
-        stamp_ns[here] = piece.stamp_ns
-        motor_angle[here], joint_angle[here] = piece.motor_angle, piece.joint_angle
-        if piece.unseen_rows.size:
-            unseen[here][piece.unseen_rows] = piece.unseen
-        rows.append(begin + piece.offset_rows.astype(np.int64))
-        offsets.append(piece.offset)
-        gaps.append(begin + piece.after_gap.astype(np.int64))
-        if piece.doubtful.size:
-            doubtful[here][piece.doubtful] = True
-        begin = here.stop
-    changes = np.concatenate(rows), np.concatenate(offsets), np.concatenate(gaps)
-    return Samples(stamp_ns, motor_angle, joint_angle, unseen, doubtful, *changes)
 
 
 def angles_of(robot: Robot, name: str, readings: Series) -> Series:

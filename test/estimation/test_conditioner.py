@@ -12,7 +12,6 @@ from support.reading_streams import random_robot, random_stream, take
 from support.wound import robot_of
 
 from cdrj_ros._core import LARGEST
-from cdrj_ros.estimation import conditioner as conditioning
 from cdrj_ros.estimation.conditioner import Conditioner, condition
 from cdrj_ros.estimation.refusals import REFUSALS
 from cdrj_ros.foundation.arrays import Series
@@ -46,9 +45,7 @@ def nonzero(sample):
     return [one.tobytes() if np.any(one) else b"" for one in map(np.asarray, sample)]
 
 
-def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_any_size(
-    monkeypatch,
-):
+def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit():
     seen = Counter()
     for seed in range(40):
         random = Random(seed)
@@ -72,7 +69,6 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
             )
             for name, rows in heard.items()
         }
-        monkeypatch.setattr(conditioning, "PIECE", random.choice((1, 7, 65_536)))
         done = condition(
             robot,
             {axis.name: channels[axis.name] for axis in robot.motors},
@@ -93,8 +89,7 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit_in_pieces_of_
 
 
 @pytest.mark.parametrize("refused", [0, 1])
-def test_little_more_memory_is_used_than_readings_and_samples_take(monkeypatch, refused):
-    monkeypatch.setattr(conditioning, "PIECE", 512)
+def test_little_more_memory_is_used_than_readings_and_samples_take(refused):
     n = 20_000
     stamps = START + MS * np.arange(n)
     elbow = 0.5 * np.sin(2e-3 * np.arange(n))
