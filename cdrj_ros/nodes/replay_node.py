@@ -77,6 +77,8 @@ class ReplayNode(Node):
     def missing(self) -> list[str]:
         """Descriptions of the missing parts of the estimator; empty if none is missing."""
         gaps = [f"no subscriber of {p.topic_name}" for p in self.inputs if not _matched(p)]
+        if gaps and self._reset.service_is_ready():
+            gaps[-1] += "; inputs remapped for the estimator are remapped here, too: --ros-args -r"
         gaps += [f"no publisher of {t}" for t in self.outputs if not self.count_publishers(t)]
         for client in (self._reset, self._ping):
             if not client.service_is_ready():

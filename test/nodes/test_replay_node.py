@@ -194,6 +194,15 @@ def test_without_an_estimator_the_missing_parts_are_named(short_bag, monkeypatch
     assert "Traceback" not in out
 
 
+@pytest.mark.usefixtures("estimator")
+def test_an_estimator_that_listens_elsewhere_is_said_to_be_remapped(short_bag, replay):
+    """As one beside ros2_control is, if the replay is not: here the other way round."""
+    playing = replay(short_bag, "--ros-args", "-r", "motor_states:=/joint_states")
+    playing.wait_for("no subscriber of /joint_states; inputs remapped for the estimator")
+    playing.process.send_signal(signal.SIGINT)
+    playing.finish()
+
+
 @pytest.mark.usefixtures("estimator", "ros")
 def test_a_recording_is_not_played_into_the_readings_of_a_robot(short_bag, replay):
     """Both would be one motion for the estimator, which the replay resets, too."""
