@@ -98,13 +98,12 @@ def _or(others: Sequence[str]) -> str:
 
 def _opposite(robot: Robot, names: Sequence[str]) -> str:
     """Sensors that read what only a cable that pushes would give, and the keys that mend them."""
-    fits = [
-        f"motors.{one.name}.effort_sign: {-one.effort_sign:+d}"
-        for one in robot.motors
-        if one.name in names
-    ]
+    motors = [one for one in robot.motors if one.name in names]
+    fits = [f"motors.{one.name}.effort_sign: {-one.effort_sign:+d}" for one in motors]
     cells = [name for name in names if all(axis.name != name for axis in robot.axes)]
     other = ", or the other winding" if len(fits) < len(robot.motors) else ""
+    if len({one.effort_sign * one.effort_scale > 0.0 for one in motors}) == len(motors) == 2:
+        other += ", or their readings are swapped: exchange their names"
     words = [f"efforts are opposite to the cables' pull; {', '.join(fits)} fits{other}"]
     words = words if fits else []
     words += [f"load cell {name} reads a cable that pushes: change its sign" for name in cells]

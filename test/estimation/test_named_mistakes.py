@@ -70,6 +70,11 @@ def exchanged(a: int, b: int, *, angles: bool) -> Callable[[Readings], Readings]
     return change
 
 
+def reversed_(given: Readings, motor: int) -> Readings:
+    sense = np.where(np.arange(3) == motor, -1.0, 1.0)
+    return sense * given[0], given[1], sense * given[2]
+
+
 def kept(given: Readings) -> Readings:
     return given
 
@@ -117,6 +122,12 @@ SWAPPED = "the readings of {} and {} seem to be swapped: exchange their names"
         pytest.param(
             same, exchanged(0, 1, angles=True),
             SWAPPED.format("deep_motor", "superficial_motor"), id="motors",
+        ),
+        pytest.param(
+            motor_key("extensor_motor", "scale: -1, effort_scale: -1"),
+            lambda given: exchanged(0, 2, angles=True)(reversed_(given, 2)),
+            "effort_sign: -1 fits, or the other winding, or their readings are swapped",
+            id="motors of which one is reversed",
         ),
         pytest.param(
             same, exchanged(0, 1, angles=False),
