@@ -20,7 +20,7 @@ from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.files import check_new, check_outputs, write_text
+from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.identification.fit import lacking, sentences
 from cdrj_ros.identification.observations import Recorded
@@ -110,8 +110,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     path = robot_path(arguments.robot)
     named = (arguments.rest, *arguments.motion, *arguments.cells)
     bags = [bag for bag in named if bag and bag != LIVE]
-    check_outputs({"--out": arguments.out}, [*bags, path])
-    check_new({"--out": arguments.out}, force=arguments.force)
+    check_outputs({"--out": arguments.out}, [*bags, path], force=arguments.force)
     text = path.read_text(encoding="utf-8")
     refuse_aliases(text, str(path))
     now = begin(text, str(path))

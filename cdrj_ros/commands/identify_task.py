@@ -11,7 +11,7 @@ from pathlib import Path
 from cdrj_ros.commands.entry import CommandParser
 from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.files import check_new, check_outputs
+from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import say
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
@@ -257,8 +257,7 @@ def _folds(arguments: argparse.Namespace) -> dict[str, tuple[int, ...]]:
 
 def _check_files(arguments: argparse.Namespace, held_out: Sequence[str]) -> None:
     """Refuse outputs that cannot be written or that would replace an input."""
-    check_outputs({"--out": arguments.out}, [*arguments.bags, *held_out])
-    check_new({"--out": arguments.out}, force=arguments.force)
+    check_outputs({"--out": arguments.out}, [*arguments.bags, *held_out], force=arguments.force)
 
 
 def posed(

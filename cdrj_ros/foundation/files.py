@@ -83,17 +83,21 @@ def write_text(path: StrPath, text: str) -> None:
     write_bytes(path, text.encode("utf-8", "backslashreplace"))
 
 
-def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPath] = ()) -> None:
+def check_outputs(
+    outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPath] = (), *, force: bool = True
+) -> None:
     """Check before a long computation that every output can be written and replaces no input.
 
     Args:
         outputs: files by the option that names them; None if the option is not used.
         inputs: files and folders to be read.  An output must neither be one of them nor lie in an
             input folder.
+        force: whether existing files may be replaced: robot files and figures are expensive to
+            reproduce, but the same command produces a report again.
 
     Raises:
         UsageError: an output names an input, another output, a folder, or a file in a folder that
-            is missing or not writable.
+            is missing or not writable, or one that exists without ``force``.
     """
     sources = [Path(os.path.realpath(path)) for path in inputs]
     taken: dict[Path, str] = {}
@@ -107,32 +111,21 @@ def check_outputs(outputs: Mapping[str, StrPath | None], inputs: Iterable[StrPat
         if target in taken:
             raise UsageError(f"{option} and {taken[target]} both name {path}")
         taken[target] = option
-        if _is_device(target):
-            continue
-        if target.is_dir():
-            raise UsageError(f"{option} {path} is a folder")
-        if not target.parent.is_dir():
-            raise UsageError(f"{option} {path}: there is no folder {Path(path).parent}")
-        if not os.access(target.parent, os.W_OK):
-            raise UsageError(f"{option} {path}: the folder {Path(path).parent} is not writable")
+        if obstacle := _obstacle(Path(path), target, force=force):
+            raise UsageError(f"{option} {path}{obstacle}")
 
 
-def check_new(outputs: Mapping[str, StrPath | None], *, force: bool) -> None:
-    """Check before a long computation that no output replaces a file, unless ``force`` is set.
-
-    This applies to results that are expensive to reproduce: robot files and figures.  Reports may
-    be replaced, since the same command produces them again.
-
-    Args:
-        outputs: files by the option that names them; None if the option is not used.
-        force: whether existing files may be replaced.
-
-    Raises:
-        UsageError: a file exists and ``force`` is not set.
-    """
-    for option, path in outputs.items():
-        if path is not None and not force and Path(path).exists():
-            raise UsageError(f"{option} {path} exists already; --force replaces it")
+def _obstacle(path: Path, target: Path, *, force: bool) -> str:
+    """Why a file cannot be written, or must not be; empty if it may."""
+    if _is_device(target):
+        return ""
+    if target.is_dir():
+        return " is a folder"
+    if not target.parent.is_dir():
+        return f": there is no folder {path.parent}"
+    if not os.access(target.parent, os.W_OK):
+        return f": the folder {path.parent} is not writable"
+    return " exists already; --force replaces it" if target.exists() and not force else ""
 
 
 def size_of(path: StrPath) -> int:

@@ -13,7 +13,7 @@ from typing import Final
 
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.foundation.files import check_new, check_outputs, write_text
+from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.interruption import run_interruptibly
 from cdrj_ros.foundation.output import ProgressBar, say
 from cdrj_ros.model.prepared import load_model
@@ -68,9 +68,8 @@ def _output_folder(folder: Path, force: bool) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--out {folder} cannot be created: {error.strerror}") from error
-    check_outputs({"--out": folder / "tables.md"})
     for path in (folder / "tables.md", *sorted(folder.glob("fig*.p*"))):
-        check_new({"--out": path}, force=force)
+        check_outputs({"--out": path}, force=force)
     return folder
 
 
