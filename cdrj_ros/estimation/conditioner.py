@@ -21,7 +21,7 @@ from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.estimation.model_error import stiffness
 from cdrj_ros.estimation.refusals import Sizes, clocks_apart, refusal_words
-from cdrj_ros.foundation.arrays import Series, Table, Vector
+from cdrj_ros.foundation.arrays import Series, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
@@ -141,7 +141,8 @@ class Slip(NamedTuple):
 def slips(model: Model) -> list[Slip]:
     """Of every motor and joint with an encoder on which a cable acts."""
     robot = model.robot
-    most = _stiffness(model).max(axis=0, initial=0.0).tolist()
+    stiff = stiffness(robot, shape_at(model, robot.reference_pose))
+    most = stiff.max(axis=0, initial=0.0).tolist()
     unseen = [LEAST_STEP * half_width(axis.sensor) for axis in robot.axes]
     measured = {axis.name for axis in robot.as_read.axes}
     return [
@@ -167,22 +168,14 @@ def worth_of(robot: Robot) -> list[float]:
 def _worth(model: Model) -> list[float]:
     """Change of the angle of every axis that changes a tension by a share of the preload [rad].
 
-    Infinite where no cable acts on the axis.
+    Of a cable without preload, of a tenth of its greatest tension; infinite where no cable acts on
+    the axis.
     """
-    most = _share(model).max(axis=0, initial=0.0)
-    return [UNSURE_SHARE / one if one > 0.0 else np.inf for one in most.tolist()]
-
-
-def _share(model: Model) -> Table:
-    """``stiffness`` by the preload; a tenth of the greatest tension for a cable without one."""
-    usual = [cable.preload or 0.1 * cable.maximum_tension for cable in model.robot.cables]
-    return _stiffness(model) / np.array(usual)[:, None]
-
-
-def _stiffness(model: Model) -> Table:
-    """See ``stiffness``, in the reference pose."""
-    pose = model.robot.reference_pose
-    return stiffness(model.robot, shape_at(model, pose))
+    robot = model.robot
+    usual = [cable.preload or 0.1 * cable.maximum_tension for cable in robot.cables]
+    share = stiffness(robot, shape_at(model, robot.reference_pose)) / np.array(usual)[:, None]
+    most = share.max(axis=0, initial=0.0).tolist()
+    return [UNSURE_SHARE / one if one > 0.0 else np.inf for one in most]
 
 
 Mode = Literal["wait", "predict"]

@@ -67,7 +67,7 @@ class Corrections:
         """Whether each element is of a cable that carries nothing, shape (elements,) or (0,)."""
         self._past: deque[Past] = deque(maxlen=KEPT)
         self._said = np.zeros((3, len(self.groups), self._columns.size))
-        """What the sensors of every group say, see ``Group.correction``."""
+        """What the sensors of every group say."""
         self._shift, self._known, self._left = np.zeros((3, self._columns.size))
         """What all say: of a joint's effort, which several groups share, the changes add up."""
         self._least = unmodelled(model)[1]

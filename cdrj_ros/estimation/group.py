@@ -42,7 +42,8 @@ SHOWN: Final = 0.5
 
 
 Said = tuple[Vector, Vector, Vector]
-"""What sensors say, see ``Group.correction``."""
+"""What sensors say: changes of a group's quantities; the shares of the variances of their histories
+that the readings take away; and the variances that the unknowns leave."""
 
 
 class Past(NamedTuple):
@@ -143,7 +144,7 @@ class Group:
     def take(
         self, sample: Sample, phase: float, past: Sequence[Past], deviation: Table
     ) -> Said | None:
-        """Renew signatures, beliefs and verdict, once in ``TICK_NS``.
+        """Renew signatures, beliefs and verdict, once in ``TICK_NS``, and say what follows, (B4).
 
         Args:
             sample: now, of the whole robot.
@@ -152,22 +153,24 @@ class Group:
             deviation: of the members from it by their histories, shape (members, columns).
 
         Returns:
-            What the sensors say, see ``correction``; None if nothing was due.
+            None if nothing was due.
         """
         if not self.follow(sample, phase):
             return None
         waiting, self.waiting = self.waiting, []
         for reading, sensor in waiting:
             self._take(reading, sensor, past)
-        said = self.correction(sample.stamp_ns, past[-1].values, deviation)
+        values = past[-1].values[self.columns]
+        shift, known, left = self.beliefs.core.present(
+            sample.stamp_ns, values, self.slopes, deviation[:, self.columns]
+        )
         if abs(sample.stamp_ns - self._judged_ns) >= JUDGED_NS:
             self._judged_ns = sample.stamp_ns
             self.verdict = self._judge(sample.stamp_ns)
-        shift, known, left = said
         if self.verdict is not None:
             left = left * self.verdict.unexplained
             left = left + self._by_few_changes(shift, left)
-        return shift, known, left + self._hidden(past[-1].values[self.columns], shift)
+        return shift, known, left + self._hidden(values, shift)
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -312,23 +315,6 @@ class Group:
                 open_by[c] = max(open_by[c], off)
         found = np.square(open_by * [*units.values(), 0.0])
         return found[self._cable_of]
-
-    def correction(self, stamp_ns: int, values: Vector, deviation: Table) -> Said:
-        """What the sensors say about the present, (B4).
-
-        Args:
-            stamp_ns: now [ns].
-            values: quantities of the whole robot by the model, shape (columns,).
-            deviation: of the members from them by their histories, shape (members, columns).
-
-        Returns:
-            Changes of the group's quantities; the shares of the variances of their histories that
-            the readings take away; and the variances that the unknowns leave.
-        """
-        columns = self.columns
-        return self.beliefs.core.present(
-            stamp_ns, values[columns], self.slopes, deviation[:, columns]
-        )
 
     def changes(self) -> dict[str, tuple[float, float]]:
         """What preloads and reference angles differ by from the file, and standard deviations [SI].

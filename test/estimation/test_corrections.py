@@ -151,13 +151,14 @@ def test_cells_tell_the_tensions_of_a_platform_whose_pose_is_hardly_known():
 def renewed(monkeypatch):
     """Stamps at which a group's part of the present is renewed."""
     calls = []
-    conditioned = Group.correction
+    take = Group.take
 
-    def noted(group, stamp_ns, *others):
-        calls.append(stamp_ns)
-        return conditioned(group, stamp_ns, *others)
+    def noted(group, sample, *others):
+        if (found := take(group, sample, *others)) is not None:
+            calls.append(sample.stamp_ns)
+        return found
 
-    monkeypatch.setattr(Group, "correction", noted)
+    monkeypatch.setattr(Group, "take", noted)
     return calls
 
 
