@@ -270,7 +270,7 @@ void Channel::note_implausible(const Axis& axis, Raw raw) {
     if (near_it && refused_.stamp_ns >= 0 && refused_.stamp_ns < last_ns) steps.note_outlier();
     if (agreeing_ == 0 || !near_it) {
         agreeing_ = 0;
-        step_ = angle - last;
+        step_ = last_ns >= 0 ? angle - steps.expected(raw.stamp_ns) : 0.0;
     }
     ++agreeing_;
     refused_ = {raw.stamp_ns, angle};

@@ -178,7 +178,7 @@ public:
     /// Whether readings may be wrong because their sensor has stepped, is stuck, or not the only one, their
     /// unit is another one, or there is but one of them.
     bool is_doubtful() const {
-        return steps.memory.stepped || steps.alternates() || steps.repeats() || misfits || alone;
+        return steps.doubts() || steps.repeats() || misfits || alone;
     }
 
     /// Its motion since the first reading.

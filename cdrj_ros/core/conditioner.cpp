@@ -144,9 +144,9 @@ void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off)
         channel.steps.step_by(unwrapped.angle - channel.last, axes_[k].worth);
         ++steps;
     }
-    const bool alternated = channel.steps.alternates();
+    const bool doubted = channel.steps.doubts();
     if (channel.note_plausible(axes_[k], {raw.stamp_ns, unwrapped.angle}, off)) ++steps;
-    if (alternated && !channel.steps.alternates()) channel.lost_way = true;
+    if (doubted && !channel.steps.doubts()) channel.lost_way = true;
     if (channel.steps.repeats()) since_ns = channel.steps.repeated_since_ns();
     channel.alone = !channel.first;
     if (channel.alone) channel.first = unwrapped.angle;

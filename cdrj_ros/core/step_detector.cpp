@@ -75,6 +75,11 @@ bool StepDetector::is_off(const Motion& motion, Point next) const {
     return motion.band > 0.0 && is_plain(motion, next, deviation);
 }
 
+double StepDetector::expected(Nanoseconds stamp_ns) const {
+    const double rate = count_ >= 2 ? velocity(points_[1], points_[2]) : 0.0;
+    return points_[2].angle + rate * seconds(points_[2], {stamp_ns, 0.0});
+}
+
 bool StepDetector::returns(Point off, Point next) const {
     const double rate = velocity(points_[1], points_[2]);
     const double first = off.angle - points_[2].angle - rate * seconds(points_[2], off);
@@ -200,7 +205,7 @@ void StepDetector::alternate(bool does) {
 
 void StepDetector::step_by(double by, double worth) {
     memory.displaced += by;
-    if (std::abs(memory.displaced) > worth) memory.stepped = true;
+    memory.stepped = std::abs(memory.displaced) > worth;
 }
 
 double StepDetector::offset(const Motion& motion) const {

@@ -30,7 +30,7 @@ struct StepMemory {
     double bend = 0.0;         // greatest deviation from the line through the last two readings, (C8)
     double unexplained = 0.0;  // greatest unexplained part that was no step, U of (C7)
     double displaced = 0.0;    // sum of all steps, with their signs
-    bool stepped = false;      // whether this sum has ever been worth so much that tensions are UNSURE
+    bool stepped = false;      // whether this sum is worth so much that tensions are UNSURE
 };
 
 /// Looks for steps in the accepted readings of one axis.
@@ -71,6 +71,12 @@ public:
 
     /// Whether the readings alternate between two motions.
     bool alternates() const { return alternates_; }
+
+    /// Whether what they show is another angle than that of the axis.
+    bool doubts() const { return memory.stepped || alternates_; }
+
+    /// The angle at a stamp on the line through the last two readings.
+    double expected(Nanoseconds stamp_ns) const;
 
     /// Whether the readings repeat one within its errors, right after a motion that did not slow down, (C12).
     bool repeats() const { return repeats_; }
