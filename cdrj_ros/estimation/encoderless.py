@@ -210,16 +210,9 @@ def efforts_at(
     found = np.full((stamp_ns.size, len(motors)), np.nan)
     for m, name in enumerate(motors):
         series = recorded.get(name)
-        usable = np.isfinite(series.value) if series is not None else np.zeros(0, dtype=bool)
-        if series is None or not usable.any():
-            continue
-        stamps, value = series.stamp_ns[usable], series.value[usable]
-        begin = int(stamps[0])
-        after = np.minimum(np.searchsorted(stamps, stamp_ns), stamps.size - 1)
-        before = np.maximum(after - 1, 0)
-        gap = np.minimum(np.abs(stamps[after] - stamp_ns), np.abs(stamps[before] - stamp_ns))
-        at = np.interp(
-            (stamp_ns - begin).astype(np.float64), (stamps - begin).astype(np.float64), value
-        )
-        found[:, m] = np.where(gap <= EFFORT_AGE_NS, at, np.nan)
+        if series is not None:
+            usable = np.isfinite(series.value)
+            stamps, values = series.stamp_ns[usable].tolist(), series.value[usable].tolist()
+            heard = list(zip(stamps, values, strict=True))
+            found[:, m] = [_effort_at(heard, stamp) for stamp in stamp_ns.tolist()]
     return found
