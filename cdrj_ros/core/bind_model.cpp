@@ -86,7 +86,7 @@ DESCRIBE(Cubic, c0, c1, c2, c3);
 DESCRIBE(FrameConstants, origin, rotation, axis, rolling_radius, multiplier, offset);
 DESCRIBE(
     NodeConstants, centre, basis, exit, sided, ignored_inside, radius, turn, inside, turns, lead,
-    reel, length, arc_reference, turn_reference);
+    effective_radius, length, arc_reference, turn_reference);
 DESCRIBE(ResidualTopology, column, cable, first_input, inputs, first_weight);
 DESCRIBE(ResidualInputTopology, axis, column);
 DESCRIBE(ResidualRange, lower, upper);

@@ -212,7 +212,7 @@ struct NodeConstants {
     // rise of a drum's groove along its axis per radian of cable wound in [m/rad]; 0 in the
     // reference pose, and for all other nodes
     double lead;
-    double reel;  // Cable on a drum or a sector per radian [m/rad]
+    double effective_radius;  // Cable on a drum or a sector per radian [m/rad]
     double length;  // length of a sheath [m]
     // for a pulley: wrap in the reference pose [rad]; the wrap is continuous within half a turn of
     // it. For an end that winds cable: angle of its tangent point in the reference pose, plus

@@ -371,7 +371,7 @@ bool route_cable(
         double& laid = work.laid[2 * cable + end];
         laid = 0.0;
         if (!path.winds(k)) continue;
-        laid = path.nodes[k].reel * wound_angle(path.nodes[k], path.touches[k], k == 0);  // (G8)
+        laid = path.nodes[k].effective_radius * wound_angle(path.nodes[k], path.touches[k], k == 0);  // (G8)
         length[std::min(k, last - 1)] += laid;
     }
     const Vector3* along = work.direction.data() + own.first_element;

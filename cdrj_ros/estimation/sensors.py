@@ -173,7 +173,7 @@ def _winding(robot: Robot, motor: str) -> Iterator[tuple[int, float]]:
             turns = turns_of(node).get(motor, 0.0)
             if isinstance(node, Winch) and turns:
                 sign = next(one.effort_sign for one in robot.motors if one.name == motor)
-                yield element, -sign * turns * node.reel
+                yield element, -sign * turns * node.effective_radius
 
 
 # --- readings that wait ---------------------------------------------------------------------------

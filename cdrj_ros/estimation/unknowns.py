@@ -275,7 +275,7 @@ def _effects(model: Model, ends: Sequence[Changed], only: Sequence[int]) -> Tabl
     joints = every[np.linspace(0, len(every) - 1, min(POSES, len(every))).astype(int)]
     longer = lengths_at(model, joints) - lengths_at(model, robot.reference_pose[None])
     needed = np.stack([longer[:, part].sum(axis=1) for part in robot.parts])
-    turned, *_ = np.linalg.lstsq(robot.drums, -needed, rcond=None)
+    turned, *_ = np.linalg.lstsq(robot.effective_radii, -needed, rcond=None)
     motors = robot.reference_motors + turned.T
     signatures = signatures_of(model, causes)
     tensions = slice(robot.parts[-1].stop)
@@ -307,7 +307,7 @@ def efforts_of_preloads(model: Model) -> Table:
     of_joints = [arms[part].max(axis=0, initial=0.0) for part in robot.parts]
     preload = np.array([preload_of(cable) for cable in robot.cables])
     joints = np.array(of_joints).reshape(len(robot.cables), -1)
-    return np.asarray(preload[:, None] * np.hstack([np.abs(robot.drums), joints]))
+    return np.asarray(preload[:, None] * np.hstack([np.abs(robot.effective_radii), joints]))
 
 
 def _changes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:

@@ -80,7 +80,7 @@ def effort_slopes(model: Model, joint_angle: NDArray[np.float64]) -> NDArray[np.
     length, longer = (np.add.reduceat(one, starts) for one in (shape.length, shape.lever_arm))
     stiffness = [cable.axial_stiffness for cable in robot.cables] / length
     signs = np.array([motor.effort_sign for motor in robot.motors])
-    slopes: Matrix = -signs[:, None] * (robot.drums.T @ (stiffness[:, None] * longer))
+    slopes: Matrix = -signs[:, None] * (robot.effective_radii.T @ (stiffness[:, None] * longer))
     return slopes
 
 

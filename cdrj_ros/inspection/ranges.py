@@ -179,13 +179,13 @@ def inspect_robot(model: Model) -> Inspection:
     poses = _possible(model, visited_poses(robot, [joint.name for joint in robot.joints]))
     ranks = np.linalg.matrix_rank(_scaled(_total_arms(model, poses)))
     still = Extent(0.0, 0.0, tuple(robot.reference_pose), tuple(robot.reference_pose))
-    drums = robot.drums
+    radii = robot.effective_radii
     return Inspection(
         model,
         poses,
         tuple(cables[cable.name] for cable in robot.cables),
         tuple(
-            MotorCheck(motor.name, motors.get(motor.name, still), tuple(drums[:, m].tolist()))
+            MotorCheck(motor.name, motors.get(motor.name, still), tuple(radii[:, m].tolist()))
             for m, motor in enumerate(robot.motors)
         ),
         tuple(map(tuple, poses[ranks < len(robot.joints)].tolist())),
@@ -221,7 +221,7 @@ def _inspected(model: Model, poses: Matrix) -> tuple[list[CableCheck], dict[str,
     course = course_of(model, poses)[0]
     whole = whole_lengths(robot, course.length)
     stiffness = stiffness_at_preload(robot, whole[0])
-    motors, followed = followed_by(robot, whole, stiffness, robot.drums)
+    motors, followed = followed_by(robot, whole)
     names = [motor.name for motor in robot.motors]
     angles = {name: _extent(motors[:, m], poses) for m, name in enumerate(names)}
     return list(_cables(model, poses, course, followed, stiffness, motors)), angles
@@ -307,7 +307,7 @@ def _wound(robot: Robot, cable: Cable, motors: Matrix) -> Vector:
     names = [motor.name for motor in robot.motors]
     windings = turns_of(last)
     wound: Vector = motors[:, [names.index(name) for name in windings]] @ [*windings.values()]
-    return last.reel * wound
+    return last.effective_radius * wound
 
 
 def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:

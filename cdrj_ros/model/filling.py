@@ -222,7 +222,7 @@ class _Rows:
                 drum=self._drums if _takes_up(node) else -1,
             )
             self._drums += _takes_up(node)
-            radius = node.reel if isinstance(node, Winch) else node.radius
+            radius = node.effective_radius if isinstance(node, Winch) else node.radius
             _fill(self._constants.ends, 2 * c + end, radius=radius)
             for motor, winding in turns.items():
                 _fill(self._topology.turns, self._turn, motor=self._motors[motor])
@@ -308,7 +308,7 @@ class _Rows:
             inside=float(place.inside),
             turns=float(place.turns),
             lead=0.0,
-            reel=node.reel if isinstance(node, Winch) else node.radius,
+            effective_radius=node.effective_radius if isinstance(node, Winch) else node.radius,
             length=place.length,
             arc_reference=pi if isinstance(node, Pulley) else 0.0,
             turn_reference=0.0,

@@ -14,10 +14,8 @@ def following_motors(model: Model, poses: Matrix) -> Matrix:
     """Motor angles that keep the preloads in given poses [rad], shape (poses, motors)."""
     robot = model.robot
     whole = whole_lengths(robot, lengths_at(model, np.vstack([robot.reference_pose, poses])))
-    stiffness = stiffness_at_preload(robot, whole[0])
-    angles, _ = followed_by(robot, whole, stiffness, robot.drums)
-    zero = robot.reference_motors
-    return zero + angles[1:]
+    angles, _ = followed_by(robot, whole)
+    return robot.reference_motors + angles[1:]
 
 
 def whole_lengths(robot: Robot, length: Matrix) -> Matrix:
@@ -36,9 +34,7 @@ def stiffness_at_preload(robot: Robot, length: Vector) -> Vector:
     return np.array(moduli) / length
 
 
-def followed_by(
-    robot: Robot, whole: Matrix, stiffness: Vector, drums: Matrix
-) -> tuple[Matrix, Matrix]:
+def followed_by(robot: Robot, whole: Matrix) -> tuple[Matrix, Matrix]:
     """Motor angles that keep the preloads in the least-squares sense, and the tensions that result.
 
     The motors follow with the stiffness at the preload; the tensions follow from each cable's law.
@@ -46,10 +42,11 @@ def followed_by(
     Returns:
         Motor angles from the reference [rad], (poses, motors), and tensions [N], (poses, cables).
     """
+    stiffness, radii = stiffness_at_preload(robot, whole[0]), robot.effective_radii
     wanted = whole[0] - whole  # length to be wound in, (poses, cables)
-    angles = np.linalg.lstsq(stiffness[:, None] * drums, (stiffness * wanted).T, rcond=None)[0].T
+    angles = np.linalg.lstsq(stiffness[:, None] * radii, (stiffness * wanted).T, rcond=None)[0].T
     preload = np.array([cable.preload for cable in robot.cables])
-    taken_up = angles @ drums.T - wanted
+    taken_up = angles @ radii.T - wanted
     tension = preload + stiffness * taken_up
     for c, cable in enumerate(robot.cables):
         if cable.bedding_strain:

@@ -256,7 +256,7 @@ class Winch:
         return self.pitch / (2.0 * pi)
 
     @property
-    def reel(self) -> float:
+    def effective_radius(self) -> float:
         """Cable that the drum takes up per radian [m/rad]: the length of its helix."""
         return hypot(self.radius, self.lead)
 
@@ -458,16 +458,16 @@ class Robot:
         return np.repeat(values, [len(cable.nodes) - 1 for cable in self.cables], axis=0)
 
     @cached_property
-    def drums(self) -> NDArray[np.float64]:
+    def effective_radii(self) -> NDArray[np.float64]:
         """Cable that every motor winds in per radian [m], shape (cables, motors); read-only."""
-        drums = np.zeros((len(self.cables), len(self.motors)))
+        radii = np.zeros((len(self.cables), len(self.motors)))
         names = [motor.name for motor in self.motors]
         for c, cable in enumerate(self.cables):
-            for node in cable.nodes:
-                for motor, winding in turns_of(node).items():
-                    drums[c, names.index(motor)] += winding * node.reel  # type: ignore[union-attr]
-        drums.flags.writeable = False
-        return drums
+            for node in (one for one in cable.nodes if isinstance(one, Winch)):
+                for motor, turn in turns_of(node).items():
+                    radii[c, names.index(motor)] += turn * node.effective_radius
+        radii.flags.writeable = False
+        return radii
 
     @property
     def effort_scale(self) -> dict[str, float]:

@@ -194,7 +194,7 @@ def _drums(robot: Robot, motor: str) -> Iterator[tuple[Cable, int, float]]:
     for cable, part in zip(robot.cables, robot.parts, strict=True):
         for element, node in ((part.start, cable.nodes[0]), (part.stop - 1, cable.nodes[-1])):
             if isinstance(node, Winch) and motor in turns_of(node):
-                yield cable, element, node.reel * abs(turns_of(node)[motor])
+                yield cable, element, node.effective_radius * abs(turns_of(node)[motor])
 
 
 def _stiffness(robot: Robot, motor: str) -> float:
@@ -337,10 +337,10 @@ def follow_joints(model: Model, joint_angle: Table) -> Following:
     reference = robot.reference_pose[None]
     lengths = course(model, np.concatenate([reference, joint_angle])).length
     total = np.add.reduceat(lengths, [part.start for part in robot.parts], axis=1)
-    longer, drums = total[1:] - total[0], robot.drums
-    wound = np.any(drums != 0.0, axis=1)
-    turned = -longer[:, wound] @ np.linalg.pinv(drums[wound]).T
-    untaken = np.where(wound, longer + turned @ drums.T, 0.0)
+    longer, radii = total[1:] - total[0], robot.effective_radii
+    wound = np.any(radii != 0.0, axis=1)
+    turned = -longer[:, wound] @ np.linalg.pinv(radii[wound]).T
+    untaken = np.where(wound, longer + turned @ radii.T, 0.0)
     rest = robot.reference_motors
     return Following(rest + turned, untaken)
 

@@ -408,23 +408,23 @@ def _prepared(robot, c, rest, pose, earlier, history, motor, dt):
     drums = []
     given = [0.0, 0.0]
     for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
-        reel = node.reel if isinstance(node, Winch) else node.radius
-        if reel == 0.0:
+        radius = node.effective_radius if isinstance(node, Winch) else node.radius
+        if radius == 0.0:
             drums.append(None)
             continue
-        angle = laid[end] / reel
+        angle = laid[end] / radius
         if isinstance(node, Winch):
             for name, share in node.motors:
                 m = [motor.name for motor in robot.motors].index(name)
                 angle += node.winding * share * (motor[m] - robot.motors[m].reference_angle)
         if history is None:
-            rate = reel / stretch
+            rate = radius / stretch
             drums.append(Drum(np.array([angle]), np.array([rate * angle]), rate))
             given[end] = -rate * angle
         else:
             e, old = (own.start, own.stop - 1)[end], history.drums[2 * c + end]
             strained = max(history.length[e] / history.material[e], 1.0)
-            new = turn(old, angle, reel / strained)
+            new = turn(old, angle, radius / strained)
             drums.append(new)
             given[end] = old.material[-1] - new.material[-1]
     if history is None:

@@ -375,10 +375,10 @@ def by_positions(robot, cable, q, found, rest):
     length[1:] += 0.5 * arcs
     laid, levers = np.zeros((2, 2))
     for end, node in enumerate((cable.nodes[0], cable.nodes[-1])):
-        reel = node.reel if isinstance(node, Winch) else node.radius
-        levers[end] = reel
+        radius = node.effective_radius if isinstance(node, Winch) else node.radius
+        levers[end] = radius
         if node.place.kind == "pulley":
-            laid[end] = reel * wound(node, found.ends[end], rest, end)
+            laid[end] = radius * wound(node, found.ends[end], rest, end)
             axis = frames(robot, q + 0j)[node.place.frame][0].real @ own_axes(node.place)[:, 2]
             levers[end] = node.radius * np.linalg.norm(np.cross(axis, direction[-end]))
     length[0] += laid[0]

@@ -200,7 +200,7 @@ def test_drums_behind_a_differential_are_sums_of_its_actuators(tmp_path, capsys)
     rng = np.random.default_rng(0)
     for _ in range(10):
         angles = rng.uniform(-30.0, 30.0, 2)
-        turned = robot.drums[0] @ angles
+        turned = robot.effective_radii[0] @ angles
         assert turned == pytest.approx(0.015 * (differential(angles)[0] - OFF[0]), abs=1e-15)
 
 
