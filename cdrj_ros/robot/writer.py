@@ -10,10 +10,10 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isclose
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.files import write_text
@@ -35,6 +35,7 @@ DIGITS: Final = 7
 """Number of significant digits that are written."""
 
 _PROPERTIES: Final = re.compile(r"^(?:[&!]\S*\s+)*")
+_GAP: Final = re.compile(r" *(?=#)")
 _PLAIN_KEY: Final = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*\s*:")
 
 
@@ -47,6 +48,21 @@ def yaml_number(value: float, digits: int = DIGITS) -> str:
     return mantissa + exponent + power
 
 
+class Splice(NamedTuple):
+    """A change of a text: what stands from ``begin`` to ``end`` becomes ``new``."""
+
+    begin: int
+    end: int
+    new: str
+
+
+def _spliced(text: str, splices: Sequence[Splice]) -> str:
+    """The text with changes of different places; of several of one place, the last."""
+    for begin, end, new in sorted({one.begin: one for one in splices}.values(), reverse=True):
+        text = text[:begin] + new + text[end:]
+    return text
+
+
 def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) -> str:
     """The robot file's text with other numbers, by path (see ``cdrj_ros.robot.parameters``) [SI].
 
@@ -56,6 +72,7 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
             because an alias repeats it, or is in another file, a URDF.
     """
     document, whole = parse_document(text, source), file_document(text, source)
+    nodes, splices = yaml_nodes(text), list[Splice]()
     for path, value in values.items():
         # a number that the file leaves out is found only in the changed document
         changed = with_numbers(document, {path: value})
@@ -66,9 +83,13 @@ def with_numbers_in_text(text: str, values: Mapping[str, float], source: str) ->
         kind, *keys = number.keys
         origin = origin_of(whole, str(kind), int(keys[0])) if kind in KINDS else None
         if origin is None:
-            text = _with_number(text, number, document)
+            splices.append(_of_number(text, nodes, number, document))
         else:
-            text = _with_own_number(text, origin, whole, number)
+            splices.append(_of_own_number(text, nodes, origin, whole, number))
+        if splices[-1].begin == splices[-1].end:  # the next number may follow this new one
+            text, splices = _spliced(text, splices), []
+            nodes = yaml_nodes(text)
+    text = _spliced(text, splices)
     if not _alike(parse_document(text, source), document):
         raise RobotFileError(
             f"{source} repeats one of {', '.join(values)} by an alias or a merge; write it out"
@@ -136,7 +157,7 @@ def moved(text: str, source: str, target: str) -> str:
     if found[1].value.startswith("package://"):
         return text
     path = os.path.relpath((before / found[1].value).resolve(), after)
-    return _replaced(text, found[1].start_mark.index, found[1].end_mark.index, json.dumps(path))
+    return _spliced(text, [_replaced(text, found[1], json.dumps(path))])
 
 
 def exact_copy(source: Path, folder: Path) -> Path:
@@ -158,9 +179,8 @@ def exact_copy(source: Path, folder: Path) -> Path:
     return target
 
 
-def _with_number(text: str, number: Number, document: Document) -> str:
-    """The text with one number replaced or added; ``document`` has it already."""
-    node = yaml_nodes(text)
+def _of_number(text: str, node: Any, number: Number, document: Document) -> Splice:
+    """One number replaced or added; ``document`` has it already, ``node`` is the text's root."""
     factor = 1.0
     keys = list(number.keys)
     prefix = str(document.get("prefix", ""))
@@ -187,16 +207,13 @@ def _with_number(text: str, number: Number, document: Document) -> str:
             name, node = found
             factor = split_unit(name)[1] * (factor if key in IN_THE_UNIT else 1.0)
         keys.pop(0)
-    begin, end = int(node.start_mark.index), int(node.end_mark.index)
-    begin = end - len(_PROPERTIES.sub("", text[begin:end]))  # an anchor or a tag stays
-    return _replaced(text, begin, end, yaml_number(number.value / number.factor / factor))
+    return _replaced(text, node, yaml_number(number.value / number.factor / factor))
 
 
-def _with_own_number(text: str, origin: Origin, whole: Document, number: Number) -> str:
-    """The text with a number of one use of a part, below the key ``with`` of the use."""
+def _of_own_number(text: str, use: Any, origin: Origin, whole: Document, number: Number) -> Splice:
+    """A number of one use of a part, below the key ``with`` of the use in the text."""
     kind, _, *keys = number.keys
     value = number.value / number.factor
-    use = yaml_nodes(text)
     for key, index in (("parts", origin.part), ("used", origin.use)):
         found = entry_node(use, key)
         use = found[1].value[index] if found else use
@@ -217,8 +234,7 @@ def _with_own_number(text: str, origin: Origin, whole: Document, number: Number)
     name, node = found
     for place in rest:
         node = node.value[place]
-    begin, end = int(node.start_mark.index), int(node.end_mark.index)
-    return _replaced(text, begin, end, yaml_number(value / split_unit(name)[1]))
+    return _replaced(text, node, yaml_number(value / split_unit(name)[1]))
 
 
 def _place(sequence: Any, index: int, entry: Any, prefix: str) -> int | None:
@@ -238,58 +254,57 @@ def _place(sequence: Any, index: int, entry: Any, prefix: str) -> int | None:
 
 def _appended(
     text: str, sequence: Any, names: list[str], keys: list[str | int], value: float
-) -> str:
-    """The text with a new entry ``{name: ...}`` for every name, the last with ``a: {b: value}``."""
+) -> Splice:
+    """A new entry ``{name: ...}`` for every name, the last with ``a: {b: value}``."""
     entry = yaml_number(value)
     for key in reversed(keys):
         entry = f"{{{key}: {entry}}}"
     *before, last_name = map(json.dumps, names)
     entries = [f"{{name: {name}}}" for name in before] + [f"{{name: {last_name}, {entry[1:]}"]
     if sequence.flow_style:
-        end: int = sequence.end_mark.index - 1
-        new = ", ".join(entries)
-        return text[:end].rstrip() + (", " if sequence.value else "") + new + text[end:]
-    last = sequence.value[-1]
-    column = sequence.start_mark.column
-    end = len(text[: last.end_mark.index].rstrip())
-    line_end = text.find("\n", end)
-    line_end = len(text) if line_end < 0 else line_end
-    new = "".join(f"\n{' ' * column}- {entry}" for entry in entries)
-    return text[:line_end] + new + text[line_end:]
+        at = len(text[: sequence.end_mark.index - 1].rstrip())
+        return Splice(at, at, (", " if sequence.value else "") + ", ".join(entries))
+    indent = "\n" + " " * sequence.start_mark.column + "- "
+    at = _line_end(text, len(text[: sequence.value[-1].end_mark.index].rstrip()))
+    return Splice(at, at, "".join(indent + entry for entry in entries))
 
 
-def _replaced(text: str, begin: int, end: int, new: str) -> str:
-    """The text with one scalar replaced; a comment on the line keeps its column if possible."""
-    rest = text[end:]
-    gap = re.match(r"( *)(?=#)", rest)
-    if gap and len(gap.group(1)) > 1:
-        room = max(end - begin + len(gap.group(1)) - len(new), 1)
-        rest = " " * room + rest[gap.end() :]
-    return text[:begin] + new + rest
+def _replaced(text: str, node: Any, new: str) -> Splice:
+    """Another scalar; a comment on the line keeps its column if possible."""
+    begin, end = int(node.start_mark.index), int(node.end_mark.index)
+    begin = end - len(_PROPERTIES.sub("", text[begin:end]))  # an anchor or a tag stays
+    gap = _GAP.match(text, end)
+    spaces = len(gap[0]) if gap else 0
+    if spaces > 1:
+        new += " " * max(end - begin + spaces - len(new), 1)
+        end += spaces
+    return Splice(begin, end, new)
 
 
-def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: float) -> str:
-    """The text with a new entry ``a: {b: value}`` in a mapping."""
+def _inserted(text: str, mapping: Any, keys: Keys | list[str | int], value: float) -> Splice:
+    """A new entry ``a: {b: value}`` in a mapping."""
     entry = yaml_number(value)
     for key in reversed(keys[1:]):
         entry = f"{{{key}: {entry}}}"
     entry = f"{keys[0]}: {entry}"
     if mapping.flow_style:
-        end = mapping.end_mark.index - 1
-        before: str = text[:end].rstrip()
-        return before + (", " if mapping.value else "") + entry + text[len(before) :]
+        at = len(text[: mapping.end_mark.index - 1].rstrip())
+        return Splice(at, at, (", " if mapping.value else "") + entry)
     # The first key of the block gives the column.  The new entry goes before the second key, or
     # after the only entry.
     first_key, _ = mapping.value[0]
     column: int = first_key.start_mark.column
     if len(mapping.value) > 1:
         second_key, _ = mapping.value[1]
-        line_begin: int = second_key.start_mark.index - column
-        return text[:line_begin] + " " * column + entry + "\n" + text[line_begin:]
-    end = mapping.value[0][1].end_mark.index
-    line_end: int = text.find("\n", max(end - 1, 0))
-    line_end = len(text) if line_end < 0 else line_end
-    return text[:line_end] + "\n" + " " * column + entry + text[line_end:]
+        at = second_key.start_mark.index - column
+        return Splice(at, at, " " * column + entry + "\n")
+    at = _line_end(text, max(mapping.value[0][1].end_mark.index - 1, 0))
+    return Splice(at, at, "\n" + " " * column + entry)
+
+
+def _line_end(text: str, index: int) -> int:
+    end = text.find("\n", index)
+    return len(text) if end < 0 else end
 
 
 def _alike(one: Any, other: Any) -> bool:
