@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from itertools import product
 from math import degrees
 from typing import Final
@@ -68,16 +68,3 @@ def visited_poses(robot: Robot, moved: Collection[str]) -> Matrix:
     grid = np.repeat(reference, 1 + len(shares), axis=0)
     grid[1:, own] = lower + shares * (upper - lower)
     return np.asarray(grid)
-
-
-def on_common_motors(robot: Robot) -> Iterator[list[int]]:
-    """Indices of cables in groups whose motors wind no other cable."""
-    left = {c: {*cable.motors} for c, cable in enumerate(robot.cables)}
-    while left:
-        first, names = next(iter(left.items()))
-        group = {first}
-        while more := {c for c, own in left.items() if own & names} - group:
-            group |= more
-            names = names.union(*(left[c] for c in more))
-        left = {c: own for c, own in left.items() if c not in group}
-        yield sorted(group)

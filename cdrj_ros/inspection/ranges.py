@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Matrix, Table, Vector
-from cdrj_ros.inspection.poses import on_common_motors, visited_poses
+from cdrj_ros.inspection.poses import visited_poses
 from cdrj_ros.model.following import followed_by, stiffness_at_preload, whole_lengths
 from cdrj_ros.model.laws import (
     RIGID_BRISTLE,
@@ -26,7 +26,7 @@ from cdrj_ros.model.laws import (
 )
 from cdrj_ros.model.prepared import Course, Model, course_of, prepare
 from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
-from cdrj_ros.robot.groups import joints_of
+from cdrj_ros.robot.groups import connected_cables, joints_of
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def inspect_robot(model: Model) -> Inspection:
     robot = model.robot
     cables: dict[str, CableCheck] = {}
     motors: dict[str, Extent] = {}
-    for group in on_common_motors(robot):
+    for group in connected_cables(robot, by_joints=False):
         own = tuple(robot.cables[c] for c in group)
         part = prepare(
             replace(robot, cables=own, residuals=(), uncertainty=None), check_range=False

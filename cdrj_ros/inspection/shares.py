@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
-from cdrj_ros.inspection.poses import on_common_motors
 from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.prepared import Model, mover_of, prepare
-from cdrj_ros.robot.groups import part_of
+from cdrj_ros.robot.groups import connected_cables, part_of
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
@@ -72,7 +71,7 @@ def uncertainty_shares(model: Model) -> Shares | None:
     robot = model.robot
     if robot.uncertainty is None or not robot.uncertainty.parameters or not robot.document:
         return None
-    groups = list(on_common_motors(robot))
+    groups = connected_cables(robot, by_joints=False)
     if len(groups) == 1:
         return _shares_of(model)
     variance = np.zeros(len(model.layout.elements))

@@ -36,12 +36,13 @@ def joints_of(robot: Robot, cable: Cable) -> frozenset[str]:
     return frozenset(name for name in found if name is not None)
 
 
-def connected_cables(robot: Robot, *, branches: bool = False) -> Groups:
+def connected_cables(robot: Robot, *, branches: bool = False, by_joints: bool = True) -> Groups:
     """The cables of a robot in groups that do not depend on each other.
 
     Args:
         robot: the robot.
         branches: whether the branches beyond a measured joint are groups of their own.
+        by_joints: whether a joint connects cables; otherwise only motors do.
     """
     joints = [joints_of(robot, cable) for cable in robot.cables]
     motors = [cable.motors for cable in robot.cables]
@@ -55,11 +56,12 @@ def connected_cables(robot: Robot, *, branches: bool = False) -> Groups:
 
     for motor in robot.motors:
         connect(passing(motor.name, motors))
-    for joint in robot.joints:
+    connecting = robot.joints if by_joints else ()
+    for joint in connecting:
         if not joint.measured:
             connect(passing(joint.name, joints))
     beyond: set[int] = set()  # cables that a joint nearer to their ends moves, too
-    for members in sorted((passing(one.name, joints) for one in robot.joints), key=len):
+    for members in sorted((passing(one.name, joints) for one in connecting), key=len):
         groups = {label[c] for c in beyond.intersection(members)}
         whole = set(np.flatnonzero(np.isin(label, [*groups])).tolist()) <= set(members)
         several = branches and len(groups) > 1 and whole
