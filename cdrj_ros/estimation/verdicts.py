@@ -160,7 +160,7 @@ class Explanation(NamedTuple):
     """What a few changes say about the robot."""
 
     probability: float
-    """By that of the findings, at most 1."""
+    """By that of the likeliest."""
     mean: Vector
     """Of the robot's unknowns."""
     covariance: Table
@@ -448,14 +448,14 @@ class _Fit:
 
     def explanations(self, chosen: Sequence[Change]) -> Iterator[Explanation]:
         """The chosen changes, and those with another one in the place of one of them."""
-        yield self._explanation(chosen, 0.0)
+        found = [(chosen, 0.0)]
         for change in chosen:
             rest = [one for one in chosen if one is not change]
-            for other, odds in self._instead(chosen, change).items():
-                if odds >= -AS_GOOD and self._possible([*rest, other]):
-                    yield self._explanation([*rest, other], min(odds, 0.0))
-
-    def _explanation(self, some: Sequence[Change], odds: float) -> Explanation:
-        mean, covariance, left = self.solve(some)
-        own = slice(self.count)
-        return Explanation(exp(odds), mean[own], max(left, 1.0) * covariance[own, own])
+            others = self._instead(chosen, change).items()
+            found += [([*rest, other], odds) for other, odds in others if odds >= -AS_GOOD]
+        possible = [one for one in found if self._possible(one[0])]
+        likeliest, own = max((odds for _, odds in possible), default=0.0), slice(self.count)
+        for some, odds in possible:
+            mean, covariance, left = self.solve(some)
+            sizes = max(left, 1.0) * covariance[own, own]
+            yield Explanation(exp(odds - likeliest), mean[own], sizes)
