@@ -379,8 +379,9 @@ class LiveEstimator:
     def report(self) -> Report | None:
         """What sensors say about the robot, see ``Corrections.report``; None before the first.
 
-        A motor that turns too far is named in place of the many changes that this looks like.
-        Ask once a second, as ``misfit``.
+        A motor that turns too far is named in place of the many changes that this looks like, but
+        beside a broken cable and a joint's zero, which look like it.  Ask once a second, as
+        ``misfit``.
         """
         if self.corrections is None:
             return None
@@ -388,7 +389,7 @@ class LiveEstimator:
         found = self.corrections.report()
         if not self._suspected:
             return found
-        if found.level == "error":
+        if found.level == "error" or any(name.startswith("zero of joint") for name in found.named):
             return replace(found, message=f"{self._suspected}; or {found.message}")
         return replace(found, level="warn", message=self._suspected, named=("travel",))
 

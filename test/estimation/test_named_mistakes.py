@@ -195,6 +195,58 @@ def test_a_gear_some_percent_off_is_named_where_efforts_are_heard(truth, motor, 
     assert float(re.search(words, report.message)[1]) == pytest.approx(1.0, abs=0.005)
 
 
+NECK = """
+name: neck
+motors: [{name: left}, {name: right}, {name: nod}]
+joints: [{name: pitch, range_deg: [-45, 45]}, {name: head, range_deg: [-30, 30]}]
+frames:
+  - {name: stem, motion: revolute, joint: pitch}
+  - {name: skull, parent: stem, motion: revolute, joint: head, origin_mm: [0, 90]}
+cables:
+  - name: front
+    axial_stiffness: 25000
+    preload: 40
+    nodes:
+      - {type: winch, motor: left, winding: 1, radius_mm: 10, position_mm: [90, -50], turn: cw}
+      - {type: anchor, frame: skull, position_mm: [42, 10]}
+  - name: rear
+    axial_stiffness: 25000
+    preload: 35
+    nodes:
+      - {type: winch, motor: right, winding: 1, radius_mm: 10, position_mm: [-90, -50], turn: ccw}
+      - {type: anchor, frame: skull, position_mm: [-42, 10]}
+  - name: base
+    axial_stiffness: 25000
+    preload: 15
+    nodes:
+      - {type: winch, motor: nod, winding: 1, radius_mm: 10, position_mm: [100, -50], turn: cw}
+      - {type: anchor, frame: stem, position_mm: [28, 55]}
+uncertainty: {others: exact, drums: hold}
+"""
+"""Its moment arms depend on the joints' angles."""
+
+
+@pytest.mark.parametrize("zero", [-0.1, 0.1])
+def test_a_zero_is_named_beside_a_motor_that_seems_to_turn_too_far(zero):
+    """With moment arms of other angles, motors follow the joints as through other gears."""
+    model, seconds = prepare(parse_robot(NECK)), np.arange(0.0, 12.0, 0.02)
+    swing = np.radians([15.0, 12.0]) * np.sin(2.0 * np.pi * seconds[:, None] * [0.4, 0.25])
+    motion = cdrj.simulate(model.robot, seconds, swing)
+    live, generator, said = LiveEstimator(model), np.random.default_rng(0), []
+    for k in range(seconds.size):
+        stamp = 1_000_000_000 + 20_000_000 * k
+        noise = generator.normal(0.0, NOISE, 3)
+        live.feed_efforts(stamp, model.layout.motors, motion.motor_effort[k] + noise)
+        live.feed("motors", stamp, model.layout.motors, motion.motor_angle[k])
+        live.feed("joints", stamp, model.layout.joints, motion.joint_angle[k] + [zero, 0.0])
+        if k % 50 == 0:
+            said.append(live.report().message)
+    both = [
+        one for one in said if re.search("nod turns .* would fit; or .*zero of joint pitch", one)
+    ]
+    assert both, "\n".join(said)
+
+
 @pytest.mark.parametrize(
     "readings",
     [
