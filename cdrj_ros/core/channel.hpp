@@ -233,7 +233,7 @@ public:
     Turns turns;
     std::optional<double> near;   // angle expected of the first reading
     Nanoseconds usual_ns = 0;     // longest of the latest intervals; 0 before the second reading
-    Nanoseconds mean_ns = 0;      // mean of some dozens, gaps as `WITHIN_NS`: stamps may be less even than readings
+    Nanoseconds mean_ns = 0;      // mean of some dozens but gaps: stamps may be less even than readings
     std::vector<Raw> held;        // readings after a possible jump of the clock
     double resumed = 0.0;         // curvature since the last sample of an earlier run [rad/ns^2]
     Lag lag;

@@ -151,7 +151,7 @@ void TimeLine::take(
         curvature = channel.motion.curvature(interval_ns, least);
         if (std::exchange(channel.lost_way, false)) curvature = INFINITE;
         channel.usual_ns = std::max(interval_ns, channel.usual_ns / 2);
-        channel.mean_ns += (std::min(interval_ns, WITHIN_NS) - channel.mean_ns) / MANY;
+        if (interval_ns < WITHIN_NS) channel.mean_ns += (interval_ns - channel.mean_ns) / MANY;
     } else if (0 <= resumed_ns_ && resumed_ns_ < stamp_ns) {
         channel.resumed = channel.motion.curvature(stamp_ns - resumed_ns_);
     }

@@ -218,7 +218,7 @@ def _preload_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
         means = [
             (float(np.mean(channel.reference)), float(np.mean(channel.estimate)))
             for channel in channels
-            if channel.name.startswith(f"{TENSION}/{cable.name}/")
+            if channel.name.startswith(f"{TENSION}/{cable.name}/") and channel.reference.size
         ]
         slack = cable.slack_tension
         recorded = [mean for mean, estimate in means if mean > slack >= estimate]
