@@ -146,9 +146,9 @@ class Corrections:
         """Number of readings that were too old."""
         return sum(group.refused for group in self.groups)
 
-    def report(self) -> Report:
-        """What the readings say about robot and sensors."""
-        return report(self.model.robot, [group.verdict for group in self.groups])
+    def report(self, travel: str = "") -> Report:
+        """What the readings say about robot and sensors, and ``travel`` of motors."""
+        return report(self.model.robot, [group.verdict for group in self.groups], travel)
 
     @property
     def right(self) -> dict[str, float]:

@@ -105,7 +105,6 @@ class LiveEstimator:
         """Samples with at least one unsolved element, without predicted ones."""
         self.ensemble: Ensemble | None = None
         self._travel = MotorTravel(model)
-        self._misfit = self._suspected = ""
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -188,7 +187,6 @@ class LiveEstimator:
         self._recent: deque[Sample] = deque(maxlen=KEPT)
         """The last samples, among which a tare looks for a rest, and ``misfit`` for poses."""
         self._travel.forget()
-        self._misfit = self._suspected = ""
         self.readings.forget()
         if self.encoderless is not None:
             self.encoderless.reset()
@@ -373,35 +371,25 @@ class LiveEstimator:
 
         It looks at the samples since it was asked last: ask once a second.
         """
-        self._look()
-        return self._misfit
+        suspected = self._suspected()
+        return suspected if self.misfitting else ""
 
     def report(self) -> Report | None:
-        """What sensors say about the robot, see ``Corrections.report``; None before the first.
+        """What readings say about robot and sensors; None before the first of a sensor.
 
-        A motor that turns too far is named in place of the many changes that this looks like, but
-        beside a broken cable and a joint's zero, which look like it.  Ask once a second, as
-        ``misfit``.
+        Ask once a second, as ``misfit``.
         """
         if self.corrections is None:
             return None
-        self._look()
-        found = self.corrections.report()
-        if not self._suspected:
-            return found
-        if found.level == "error" or any(name.startswith("zero of joint") for name in found.named):
-            return replace(found, message=f"{self._suspected}; or {found.message}")
-        return replace(found, level="warn", message=self._suspected, named=("travel",))
+        return self.corrections.report(self._suspected())
 
-    def _look(self) -> None:
-        """Compare the motions of motors and joints if there is a new pose."""
+    def _suspected(self) -> str:
+        """What may be wrong with which motor or joint by their motions, see ``MotorTravel``."""
         latest, names = self.readings.latest, self.model.layout.motors
         efforts = np.array([latest[name].value if name in latest else nan for name in names])
-        if self._travel.follow(self._recent, efforts):
-            beyond = self.conditioner.refused["out_of_range"]
-            whole = beyond < BEYOND * self.conditioner.accepted
-            self._suspected = self._travel.suspicion(whole=whole)
-            self._misfit = self._suspected if self.misfitting else ""
+        beyond = self.conditioner.refused["out_of_range"]
+        whole = beyond < BEYOND * self.conditioner.accepted
+        return self._travel.look(self._recent, efforts, whole=whole)
 
     @property
     def misfitting(self) -> list[str]:

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import NEVER, Sample
 from cdrj_ros.estimation.model_error import largest_tensions
+from cdrj_ros.estimation.verdict_words import swap, turn
 from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.model.following import following_motors, stiffness_at_preload, whole_lengths
 from cdrj_ros.model.prepared import Model, lengths_at
-from cdrj_ros.robot.description import Joint, Motor, Winch
+from cdrj_ros.robot.description import Joint, Motor
 
 FEWEST: Final = 4
 """Smallest number of poses that are compared: of a motor that turns too fast, or a joint out of its
@@ -51,9 +52,6 @@ UNLIKE_HEARD: Final = 0.04
 STRETCHED: Final = 3.0
 """and the motors differ from the joints by so many times what the efforts' range stretches."""
 
-NEAR: Final = 3.0
-"""Factor up to which a wrong radius of a drum explains a travel as well as a gear."""
-
 SCATTER: Final = 0.3
 """Largest deviation from a proportional motion, as a fraction of it."""
 
@@ -71,8 +69,7 @@ RADIAN: Final = radians(1.0)
 """Scale of a joint whose file says that it is read in degrees."""
 
 DEGREES: Final = "give scale as scale_deg, 1 where the file has none"
-SWAPPED: Final = "seem to be swapped: exchange their names"
-"""Remedies."""
+"""Remedy."""
 
 SLIGHT: Final = 1e-3
 """Change of a joint's angle from which the slopes of the motors' follow [rad] or [m]."""
@@ -111,6 +108,7 @@ class MotorTravel:
         self._joint.clear()
         self._effort.clear()
         self._looked_ns = NEVER
+        self._suspected = ""
 
     def use(self, model: Model) -> None:
         """Continue with other numbers of the same robot."""
@@ -119,6 +117,12 @@ class MotorTravel:
         """Turns by which the largest tensions stretch the motors' cables [rad], and by effort."""
         self._slopes = _slopes(model)
         """Motion of all motors that follow a joint, by its motion, shape (joints, motors)."""
+
+    def look(self, samples: Iterable[Sample], effort: Vector, *, whole: bool) -> str:
+        """``suspicion`` after the latest samples: once in ``POSE_NS`` there is a new one."""
+        if self.follow(samples, effort):
+            self._suspected = self.suspicion(whole=whole)
+        return self._suspected
 
     def follow(self, samples: Iterable[Sample], effort: Vector) -> bool:
         """Add the poses of the latest samples, once in ``POSE_NS``; whether one was kept.
@@ -176,36 +180,11 @@ class MotorTravel:
             return ""
         names, least = self._model.layout.motors, np.where(heard, UNLIKE_HEARD, UNLIKE)
         said = [
-            self._sentence(names[m], _ratio(motor[:, m], expected[:, m], least[m]))
+            turn(self._model.robot, names[m], ratio)
             for m in np.flatnonzero(apart)
+            if (ratio := _ratio(motor[:, m], expected[:, m], least[m])) != 1.0
         ]
-        return "; ".join(filter(None, said))
-
-    def _sentence(self, name: str, ratio: float) -> str:
-        """A motor that follows with another factor than 1, and the keys that may be wrong."""
-        if ratio == 1.0:
-            return ""
-        robot = self._model.robot
-        (motor,) = (one for one in robot.motors if one.name == name)
-        text = f"{name} turns {abs(ratio):.3g} times as far as its cables allow"
-        fits = f"scale: {motor.sensor.scale / ratio:.4g}"
-        if ratio < 0.0:
-            text += ", the other way"
-        windings = {
-            (node.winding, node.radius)
-            for cable in robot.cables
-            for node in cable.nodes
-            if isinstance(node, Winch) and name in dict(node.motors)
-        }
-        if len(windings) == 1:
-            ((winding, radius),) = windings
-            if -1.0 - UNLIKE < ratio < -1.0 + UNLIKE:
-                return f"{text}: winding: {-winding} or {fits} would fit"
-            if 1.0 / NEAR < ratio < NEAR:
-                return (
-                    f"{text}: {fits} or a drum of radius_mm: {1e3 * radius / ratio:.3g} would fit"
-                )
-        return f"{text}: gear ratio, unit or sign? {fits} would fit"
+        return "; ".join(said)
 
     def _mistake(self, motor: Matrix, joint: Matrix, expected: Matrix, apart: Flags) -> str:
         """The single mistake by which all motors follow the joints, if they do not as read.
@@ -256,11 +235,11 @@ class MotorTravel:
             mixed = a < len(robot.motors) <= b
             if (mixed and alone) or not np.isin((a, b), suspects).any():
                 continue
-            names = f"{robot.axes[a].name} and {robot.axes[b].name}"
+            words = swap(robot.axes[a].name, robot.axes[b].name)
             right = _swapped(robot.axes, angle, a, b)
             of_motors, of_joints = np.split(right, [len(robot.motors)], axis=1)
             within = UNIT if mixed else SCATTER
-            yield Mistake(f"the readings of {names} {SWAPPED}", of_motors, of_joints, within)
+            yield Mistake(words, of_motors, of_joints, within)
 
 
 def _ratio(read: Vector, expected: Vector, least: float) -> float:

@@ -1,12 +1,13 @@
-"""What the verdicts on a robot and its sensors say to people."""
+"""What readings show of a robot, its motors and its sensors, said to people, and in which order."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp
 from typing import Final, Literal
 
+from cdrj_ros.estimation.unknowns import ZERO
 from cdrj_ros.estimation.verdicts import ALL_EFFORTS, Finding, Verdict
 from cdrj_ros.robot.description import Robot, Winch
 
@@ -17,7 +18,10 @@ LEAST_RATIO: Final = 0.01
 """Smallest ratio of a measured effort to the expected one that tells a scale."""
 
 SMALL_OR_LARGE: Final = 3.0
-"""Factor up to which a wrong radius of a drum explains an effort as well as its scale."""
+"""Factor up to which a wrong radius of a drum explains an effort, or a travel, as well."""
+
+REVERSED: Final = 0.2
+"""Largest difference from -1 of the factor of a drum that winds the other way."""
 
 Level = Literal["ok", "warn", "error"]
 
@@ -36,9 +40,29 @@ class Report:
     """The changes that ``message`` names."""
 
 
-def report(robot: Robot, verdicts: Sequence[Verdict | None]) -> Report:
-    """Put the verdicts of all groups into words."""
+def report(robot: Robot, verdicts: Sequence[Verdict | None], travel: str = "") -> Report:
+    """Put into words what is found.
+
+    A motor that turns otherwise than its cables allow looks like many changes, and is said in their
+    place.  A broken cable and a joint's zero look like it, and are said beside it.
+
+    Args:
+        robot: the robot.
+        verdicts: of all groups.
+        travel: what is said of its motors, see ``MotorTravel``; empty for nothing.
+    """
     judged = [one for one in verdicts if one is not None]
+    found = _of_verdicts(robot, judged)
+    if not travel:
+        return found
+    kinds = {one.change.kind for verdict in judged for one in verdict.found if one.matters}
+    if found.level == "error" or ZERO.name in kinds:
+        return replace(found, message=f"{travel}; or {found.message}")
+    return replace(found, level="warn", message=travel, named=("travel",))
+
+
+def _of_verdicts(robot: Robot, judged: Sequence[Verdict]) -> Report:
+    """The verdicts of all groups that have one."""
     if not judged:
         return Report("ok", "too few readings of sensors", {})
     words = [line for one in judged for line in _words(robot, one)]
@@ -75,8 +99,7 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
     if verdict.opposite:
         return [_opposite(robot, verdict.opposite)]
     if verdict.swapped:
-        names = " and ".join(verdict.swapped)
-        return [f"the readings of {names} seem to be swapped: exchange their names"]
+        return [swap(*verdict.swapped)]
     if not verdict.explained and verdict.times > 1.0:
         text = f"efforts are {verdict.times:.3g} times what the cables' pull gives"
         return [f"{text}: effort_scale: {1.0 / verdict.times:.3g} times as much mends it"]
@@ -90,6 +113,40 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
         )
         return [text]
     return [_sentence(robot, one) for one in verdict.found if one.matters]
+
+
+def swap(one: str, other: str) -> str:
+    """Two axes or sensors that read what the other should."""
+    return f"the readings of {one} and {other} seem to be swapped: exchange their names"
+
+
+def turn(robot: Robot, name: str, ratio: float) -> str:
+    """A motor that turns so many times as far as its cables allow, and the keys that may be wrong.
+
+    Args:
+        robot: the robot.
+        name: of the motor.
+        ratio: not 1.
+    """
+    (motor,) = (one for one in robot.motors if one.name == name)
+    text = f"{name} turns {abs(ratio):.3g} times as far as its cables allow"
+    fits = f"scale: {motor.sensor.scale / ratio:.4g}"
+    if ratio < 0.0:
+        text += ", the other way"
+    drums = {(drum.winding, drum.radius) for drum in _drums(robot, name)}
+    if len(drums) == 1:
+        ((winding, radius),) = drums
+        if abs(ratio + 1.0) < REVERSED:
+            return f"{text}: winding: {-winding} or {fits} would fit"
+        if 1.0 / SMALL_OR_LARGE < ratio < SMALL_OR_LARGE:
+            return f"{text}: {fits} or a drum of radius_mm: {1e3 * radius / ratio:.3g} would fit"
+    return f"{text}: gear ratio, unit or sign? {fits} would fit"
+
+
+def _drums(robot: Robot, motor: str) -> list[Winch]:
+    """The drums that a motor turns."""
+    drums = [node for cable in robot.cables for node in cable.nodes if isinstance(node, Winch)]
+    return [drum for drum in drums if motor in dict(drum.motors)]
 
 
 def _or(others: Sequence[str]) -> str:
@@ -160,12 +217,7 @@ def _remedy(robot: Robot, found: Finding) -> str:
     cables = [cable for cable in robot.cables if name in cable.motors]
     if len(cables) == 1 and ratio > 0.0:
         text += f"; if its preload is, {ratio * cables[0].preload:.4g} N"
-    radii = {
-        node.radius
-        for cable in robot.cables
-        for node in cable.nodes
-        if isinstance(node, Winch) and name in dict(node.motors)
-    }
+    radii = {drum.radius for drum in _drums(robot, name)}
     if len(radii) == 1 and 1.0 / SMALL_OR_LARGE < ratio < SMALL_OR_LARGE:
         text += f"; if its drum is, radius_mm: {1e3 * ratio * radii.pop():.3g}"
     return text

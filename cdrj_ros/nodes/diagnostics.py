@@ -240,18 +240,16 @@ def _figures(
     return values
 
 
-def verdict_of(name: str, live: LiveEstimator, found: Report, misfit: str = "") -> DiagnosticStatus:
+def verdict_of(name: str, live: LiveEstimator, found: Report) -> DiagnosticStatus:
     """What the readings of sensors show about the robot, as a DiagnosticStatus.
 
     Args:
         name: of the status.
         live: with sensors.
         found: what they say.
-        misfit: why the readings of the encoders do not fit the robot file, if they do not.
     """
     values = {**found.values, "elements marked UNSURE": _marked(live)}
-    level = LEVELS["warn" if misfit else found.level]
-    message = printable(f"not judged: {misfit}" if misfit else found.message)
+    level, message = LEVELS[found.level], printable(found.message)
     return diagnostic_status(name, level, message, live.model.robot.name, values)
 
 

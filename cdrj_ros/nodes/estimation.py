@@ -283,7 +283,7 @@ class Estimation:
         name = self.node.get_fully_qualified_name().lstrip("/")
         statuses = [self._status(name)]
         if self.configured and (found := self.live.report()) is not None:
-            statuses.append(verdict_of(f"{name}: health", self.live, found, self.live.misfit()))
+            statuses.append(verdict_of(f"{name}: health", self.live, found))
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
         self.write_state()
