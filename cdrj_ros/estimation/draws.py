@@ -23,7 +23,7 @@ from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, prepare, read_only
 from cdrj_ros.robot.description import Joint, Robot, Uncertainty
 from cdrj_ros.robot.groups import Owners, connected_cables
-from cdrj_ros.robot.parameters import find_number, writer_of
+from cdrj_ros.robot.parameters import Number, find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
@@ -243,7 +243,8 @@ def draw_members(
     normal = {group: _normal(members, causes, group, streams) for group in causes}
     given: Any = robot.document
     document: Any = {**given, "uncertainty": {"others": "exact"}}  # numbers alone matter
-    write = writer_of(document, known.parameters)
+    numbers = [find_number(given, path) for path in known.parameters]
+    write = writer_of(document, numbers)
 
     def changed(values: Sequence[Vector], k: int) -> Made | None:
         try:
@@ -253,12 +254,12 @@ def draw_members(
 
     def at_fault(group: int | None, k: int) -> bool:
         own = {one: normal[one] if one == group else 0.0 * normal[one] for one in causes}
-        return changed(_values(given, known, causes, own), k) is None
+        return changed(_values(given, numbers, causes, own), k) is None
 
     found: list[Made | None] = [None] * members
     left = list(range(members))
     for attempt, share in enumerate((None,) * (DRAWS - 1) + SMALLER + (0.0,)):
-        values = _values(given, known, causes, normal)
+        values = _values(given, numbers, causes, normal)
         for k in left:
             found[k] = changed(values, k)
         left = [k for k in left if found[k] is None]
@@ -300,31 +301,35 @@ def _by_groups(robot: Robot, known: Uncertainty) -> Causes:
 
 
 def _values(
-    document: Document, known: Uncertainty, causes: Causes, normal: Mapping[int | None, Table]
+    document: Document,
+    numbers: Sequence[Number],
+    causes: Causes,
+    normal: Mapping[int | None, Table],
 ) -> list[Vector]:
     """Every number of every member, within what the schema allows."""
     members = len(normal[None])
-    changes = np.zeros((len(known.parameters), members))
+    changes = np.zeros((len(numbers), members))
     for group, own in causes.items():
         for cause, size in zip(own, normal[group].T, strict=True):
             changes[cause.numbers] += cause.factor[:, None] * size
-    return _possible_values(document, dict(zip(known.parameters, changes, strict=True)))
+    return _possible_values(document, numbers, changes)
 
 
-def _possible_values(document: Document, changes: Mapping[str, Vector]) -> list[Vector]:
+def _possible_values(document: Document, numbers: Sequence[Number], changes: Table) -> list[Vector]:
     """Every number after each of several changes, within what the schema allows.
 
     Where a reference angle would leave its joint's range and its change is reversed, so is that of
     the encoder's zero, which after a tare is the same error.
     """
-    values = {path: within_range(document, path, change) for path, change in changes.items()}
-    for path, value in values.items():
-        zero = path.replace(".reference_angle", ".offset")
-        if zero != path and zero in changes:
-            reversed_ = (value - find_number(document, path).value) * changes[path] < 0.0
+    values = [within_range(document, *one) for one in zip(numbers, changes, strict=True)]
+    places = {number.path: k for k, number in enumerate(numbers)}
+    for k, number in enumerate(numbers):
+        zero = places.get(number.path.replace(".reference_angle", ".offset"), k)
+        if zero != k:
+            reversed_ = (values[k] - number.value) * changes[k] < 0.0
             there = np.where(reversed_, -changes[zero], changes[zero])
-            values[zero] = within_range(document, zero, there)
-    return list(values.values())
+            values[zero] = within_range(document, numbers[zero], there)
+    return values
 
 
 def _normal(members: int, causes: Causes, group: int | None, streams: Streams) -> Table:

@@ -17,7 +17,7 @@ from cdrj_ros.estimation.unknowns import AXIS, efforts_of_preloads, preload_of
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import stddev_places
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.robot.description import Robot, Winch, turns_of
+from cdrj_ros.robot.description import Joint, Motor, Robot, Winch, turns_of
 
 LARGEST: Final = 1e9
 """Measured values of larger magnitude are refused [N] or [N m]."""
@@ -161,19 +161,21 @@ def _efforts(model: Model) -> Iterator[Sensor]:
             yield Sensor(
                 axis.name, places[f"effort/{axis.name}"], cables, axis.effort_noise,
                 float(contributes[:, a].sum()), EFFORT._replace(gain=gain),
-                tuple(_winding(robot, axis.name)), a,
+                tuple(_winding(robot, axis, cables)), a,
                 axis.sensor.clock_offset_ns, axis.effort_verified,
             )  # fmt: skip
 
 
-def _winding(robot: Robot, motor: str) -> Iterator[tuple[int, float]]:
+def _winding(
+    robot: Robot, axis: Motor | Joint, cables: Sequence[int]
+) -> Iterator[tuple[int, float]]:
     """Elements at the drums of a motor, and the effort per newton of each [m]; none of a joint."""
-    for cable, part in zip(robot.cables, robot.parts, strict=True):
+    for c in cables:
+        cable, part = robot.cables[c], robot.parts[c]
         for node, element in ((cable.nodes[0], part.start), (cable.nodes[-1], part.stop - 1)):
-            turns = turns_of(node).get(motor, 0.0)
+            turns = turns_of(node).get(axis.name, 0.0)
             if isinstance(node, Winch) and turns:
-                sign = next(one.effort_sign for one in robot.motors if one.name == motor)
-                yield element, -sign * turns * node.effective_radius
+                yield element, -axis.effort_sign * turns * node.effective_radius
 
 
 # --- readings that wait ---------------------------------------------------------------------------

@@ -35,7 +35,7 @@ from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, 
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Cable, PassiveTorque, Pulley, Uncertainty, Winch
 from cdrj_ros.robot.groups import Owners
-from cdrj_ros.robot.parameters import writer_of
+from cdrj_ros.robot.parameters import find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
@@ -238,11 +238,12 @@ def _ends(model: Model, known: Uncertainty, changes: Table, only: Sequence[int])
         One for every change; the unchanged one where no robot can have it.
     """
     given: Any = model.robot.document
-    write = writer_of({**given, "uncertainty": {"others": "exact"}}, known.parameters)
+    uncertain = [find_number(given, path) for path in known.parameters]
+    write = writer_of({**given, "uncertainty": {"others": "exact"}}, uncertain)
 
     together, same = _together(only), _same(model)
     added = np.array([changes[:, some].sum(axis=1) for some in together]).reshape(-1, len(changes))
-    values = [within_range(given, *one) for one in zip(known.parameters, added.T, strict=True)]
+    values = [within_range(given, *one) for one in zip(uncertain, added.T, strict=True)]
     found = [same] * len(only)
     for some, numbers in zip(together, np.array(values).T.tolist(), strict=True):
         try:

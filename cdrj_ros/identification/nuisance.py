@@ -134,9 +134,9 @@ def _deviating(document: Document, source: str, cause: Cause, way: float) -> Mod
     """The model with some numbers deviating; None if no robot can have them."""
     changed = {}
     for path, size in cause.items():
-        value = find_number(document, path).value
-        changed[path] = float(within_range(document, path, np.array([way * size]))[0])
-        if abs(changed[path] - value - way * size) > 1e-9 * abs(size):
+        number = find_number(document, path)
+        changed[path] = float(within_range(document, number, np.array([way * size]))[0])
+        if abs(changed[path] - number.value - way * size) > 1e-9 * abs(size):
             return None
     try:
         return prepare(build_robot(with_numbers(document, changed), source), check_range=False)

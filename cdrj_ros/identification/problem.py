@@ -33,7 +33,7 @@ from cdrj_ros.identification.unknowns import Unknown, values_by_path
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import Owners
-from cdrj_ros.robot.parameters import writer_of
+from cdrj_ros.robot.parameters import find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
 
 Loss = Literal["linear", "huber"]
@@ -119,7 +119,8 @@ class Problem:
         paths = values_by_path(self.unknowns, [0.0] * len(self.unknowns))
         self.numbers_alone: Document = {**document, "uncertainty": {"others": "exact"}}
         """The document without what it knows of its numbers, which would be read at every trial."""
-        self._written = writer_of(self.numbers_alone, tuple(paths))
+        numbers = [find_number(document, path) for path in paths]
+        self._written = writer_of(self.numbers_alone, numbers)
         self.begin = prepare(build_robot(document, source))
         """Model of the numbers in the document."""
         self.least_variance = 0.0

@@ -19,7 +19,7 @@ from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.prepared import Model, mover_of, prepare
 from cdrj_ros.robot.groups import connected_cables, part_of
-from cdrj_ros.robot.parameters import with_numbers
+from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
 
@@ -179,7 +179,8 @@ def _deviating(
                 return found
             values = {}
             for path, stddev in cause.items():
-                values[path] = float(within_range(document, path, np.array([sign * stddev]))[0])
+                number = find_number(document, path)
+                values[path] = float(within_range(document, number, np.array([sign * stddev]))[0])
             return prepare(
                 build_robot(with_numbers(numbers, values), model.robot.source), check_range=False
             )

@@ -153,16 +153,14 @@ def with_numbers(document: Document, values: Mapping[str, float]) -> Document:
     Raises:
         UsageError: as ``find_number``, except that numbers without a default may be set.
     """
-    return writer_of(document, tuple(values))(tuple(values.values()))
+    numbers = [_find(document, path) for path in values]
+    return writer_of(document, numbers)(tuple(values.values()))
 
 
-def writer_of(document: Document, paths: Sequence[str]) -> Callable[[Sequence[float]], Document]:
-    """``with_numbers`` for many sets of values at the same paths, which are looked up only once.
-
-    Raises:
-        UsageError: as ``with_numbers``.
-    """
-    numbers = [_find(document, path) for path in paths]
+def writer_of(
+    document: Document, numbers: Sequence[Number]
+) -> Callable[[Sequence[float]], Document]:
+    """``with_numbers`` for many sets of values of numbers that were found once."""
 
     def written(values: Sequence[float]) -> Document:
         changed = dict(document)
@@ -258,18 +256,19 @@ def _named(document: Document, spot: _Spot) -> list[str]:
             value = (value or {}).get(key)
         else:
             value = value[key]
-            named = isinstance(value, dict) and "name" in value
-            names.append(value["name"] if named else str(key + 1))
+            names.append(_named_entry(value, key))
     return names
+
+
+def _named_entry(entry: Any, k: int) -> str:
+    """What a path calls an entry of a list: its name, or its number from 1."""
+    return entry["name"] if isinstance(entry, dict) and "name" in entry else str(k + 1)
 
 
 def _names(spot: _Spot) -> list[str]:
     """Valid next segments of a path."""
     if isinstance(spot.value, list):
-        names = [one["name"] for one in spot.value if isinstance(one, dict) and "name" in one]
-        if len(names) == len(spot.value):
-            return names
-        return [str(k + 1) for k in range(len(spot.value))]
+        return [_named_entry(entry, k) for k, entry in enumerate(spot.value)]
     if spot.kind == "shares":
         return [*spot.value]
     return [key for key, rules in spot.rules.get("properties", {}).items() if _leads_on(rules)]
@@ -288,10 +287,9 @@ def _step(document: Document, spot: _Spot, segment: str, path: str) -> _Spot:
     if spot.kind == "shares" and segment in spot.value:
         rules = spot.rules["additionalProperties"]
     if isinstance(spot.value, list):
-        names = _names(spot)
-        if segment in names:
-            k = names.index(segment)
-            return _spot((*spot.keys, k), spot.value[k], spot.rules.get("items", {}), spot.kind)
+        for k, entry in enumerate(spot.value):
+            if _named_entry(entry, k) == segment:
+                return _spot((*spot.keys, k), entry, spot.rules.get("items", {}), spot.kind)
     elif rules is not None and _leads_on(rules):
         inside = spot.value if isinstance(spot.value, dict) else {}
         return _spot((*spot.keys, segment), inside.get(segment), rules, "")

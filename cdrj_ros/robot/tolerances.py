@@ -22,7 +22,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled, motor_shares
 from cdrj_ros.robot.description import Uncertainty, friction_law
-from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.parameters import Number, find_number
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
 
 ZERO_BY_EYE: Final = pi / 180.0
@@ -164,7 +164,7 @@ def complete_uncertainty(
     return Uncertainty((*known, *paths), covariance, size)
 
 
-def within_range(document: Document, path: str, changes: Vector) -> Vector:
+def within_range(document: Document, number: Number, changes: Vector) -> Vector:
     """A number after each of several changes, limited to what the schema allows.
 
     A change that takes a reference angle out of its joint's range is reversed, then clipped to the
@@ -172,11 +172,10 @@ def within_range(document: Document, path: str, changes: Vector) -> Vector:
 
     Args:
         document: content of the robot file.
-        path: of the number.
+        number: found in it.
         changes: added to it [SI], shape (n,).
     """
-    number = find_number(document, path)
-    rules = number.rules
+    path, rules = number.path, number.rules
     values = number.value + changes
     values = np.clip(values, rules.get("minimum", -np.inf), rules.get("maximum", np.inf))
     if path.startswith("joints.") and path.endswith(".reference_angle"):
