@@ -152,7 +152,8 @@ def task_of(arguments: argparse.Namespace) -> Task:
     """
     path = robot_path(_chosen_file(arguments))
     held_out = tuple(bag for group in arguments.hold_out for bag in group)
-    _check_files(arguments, held_out)
+    inputs = [*arguments.bags, *held_out]
+    check_outputs({"--out": arguments.out}, inputs, force=arguments.force)
     if arguments.out:
         refuse_aliases(read_text(path, "robot file"), str(path))
     chosen = load_settings(arguments.settings)
@@ -253,11 +254,6 @@ def _folds(arguments: argparse.Namespace) -> dict[str, tuple[int, ...]]:
             )
         folds[pattern] = out
     return folds
-
-
-def _check_files(arguments: argparse.Namespace, held_out: Sequence[str]) -> None:
-    """Refuse outputs that cannot be written or that would replace an input."""
-    check_outputs({"--out": arguments.out}, [*arguments.bags, *held_out], force=arguments.force)
 
 
 def posed(

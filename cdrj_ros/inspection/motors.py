@@ -17,7 +17,8 @@ POSES: Final = 5
 """Poses along the range of each joint without encoder; the others stand at their reference."""
 
 LEAST_SLOPE: Final = 1e-6
-"""Singular value of the scaled slopes below which a direction is not determined."""
+"""Singular value of the scaled slopes, relative to the largest, of a direction that is not
+determined."""
 
 
 def encoderless_suspicions(model: Model) -> Iterator[Suspicion]:
@@ -91,16 +92,8 @@ def _stddevs(slopes: NDArray[np.float64]) -> NDArray[np.float64]:
         slopes: derivatives of the efforts, each divided by its standard deviation, (m, u).
     """
     size = np.sqrt((slopes**2).sum(axis=0))
-    if not np.all(size > 0.0):
-        return np.where(size > 0.0, 1.0 / np.maximum(size, 1e-300), np.inf)
-    scaled = slopes / size
-    _, values, directions = np.linalg.svd(scaled, full_matrices=True)
-    found = np.zeros(size.size)
-    for k in range(size.size):
-        value = values[k] if k < values.size else 0.0
-        part = directions[k] ** 2
-        if value > LEAST_SLOPE:
-            found += part / value**2
-        else:
-            found = np.where(part > LEAST_SLOPE, np.inf, found)
-    return np.asarray(np.sqrt(found) / size)
+    scaled = slopes / np.where(size > 0.0, size, 1.0)
+    inverse = np.linalg.pinv(scaled, rcond=LEAST_SLOPE)
+    known = np.diag(inverse @ scaled)  # 1 where a joint's angle is unique
+    stddev = np.sqrt((inverse**2).sum(axis=1)) / np.maximum(size, 1e-300)
+    return np.where(known > 1.0 - LEAST_SLOPE, stddev, np.inf)

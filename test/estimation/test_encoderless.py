@@ -106,6 +106,10 @@ def test_a_joint_that_no_winch_feels_is_not_determined():
     both = determined_joints(without_encoder("finger", "mcp", "pip"))
     assert len(both) == 2
     assert all(0.0 < stddev < 0.05 for stddev in both.values())
+    document = deepcopy(dict(without_encoder("finger", "mcp", "pip").robot.document))
+    document["joints"].append({"name": "idle", "range": [-1.0, 1.0], "measured": False})
+    beside = determined_joints(prepare(build_robot(document, "idle")))
+    assert beside == {**{name: pytest.approx(both[name]) for name in both}, "idle": float("inf")}
     document = deepcopy(dict(without_encoder("finger", "pip").robot.document))
     document["cables"] = [c for c in document["cables"] if c["name"] == "superficial"]
     document["motors"] = [m for m in document["motors"] if m["name"] == "superficial_motor"]
