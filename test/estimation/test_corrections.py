@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from support.campaign import START, course_of, sine
+from support.heard import heard
 from support.places import ROBOT, ROBOTS
 
 from cdrj_ros.estimation.changes import with_other_numbers
@@ -180,13 +181,10 @@ def test_sensors_that_read_at_different_times_cost_no_more_than_together(renewed
 def test_no_sample_of_a_hand_waits_for_more_than_one_of_its_groups(renewed):
     """Seven groups, each renewed once in ten samples; at the start, all are."""
     model = load_model("hand")
-    live, motors, joints = LiveEstimator(model), model.layout.motors, model.layout.joints
-    pose, efforts = model.robot.reference_pose, np.ones(len(motors))
-    for k in range(100):
-        stamp = START + k * 2_000_000
-        live.feed_efforts(stamp, motors, efforts)
-        live.feed("motors", stamp, motors, model.robot.reference_motors)
-        live.feed("joints", stamp, joints, pose)
+    live, robot, stamps = LiveEstimator(model), model.robot, START + 2_000_000 * np.arange(100)
+    readings = robot.reference_motors, robot.reference_pose, np.ones(len(robot.motors))
+    for _ in heard(live, stamps.tolist(), *(np.tile(one, (100, 1)) for one in readings)):
+        pass
     groups, (start, *later) = len(live.corrections.groups), sorted(set(renewed))
     assert renewed.count(start) == groups == 7
     assert all(renewed.count(stamp) == 1 for stamp in later)

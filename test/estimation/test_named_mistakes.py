@@ -1,32 +1,27 @@
 """A mistake in file or readings is named by its key before a wrong tension has status OK."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 
 import numpy as np
 import pytest
+from support.heard import heard
 from support.places import ROBOTS
 
 import cdrj_ros as cdrj
 from cdrj_ros.estimation.refusals import range_words
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.foundation.arrays import Matrix
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = (ROBOTS / "finger.yaml").read_text("utf-8")
 TIME = np.arange(0.0, 10.0, 0.01)
+STAMPS = range(1_000_000_000, 11_000_000_000, 10_000_000)
 NOISE = 0.003
 """Standard deviation of an effort [N m]."""
 
-Readings = tuple[Matrix, Matrix, Matrix]
-"""Angles of motors and joints, efforts of motors."""
-
 
 @pytest.fixture(scope="module")
-def truth() -> cdrj.Truth:
+def truth():
     """Half a second at rest, then both joints move."""
     model = prepare(parse_robot(TEXT))
     grown = np.clip((TIME - 0.5) / 2.0, 0.0, 1.0)
@@ -35,22 +30,26 @@ def truth() -> cdrj.Truth:
     return cdrj.simulate(model.robot, TIME, joints)
 
 
-def drum(motor: str, radius: float) -> Callable[[str], str]:
+def noisy(efforts):
+    return efforts + np.random.default_rng(0).normal(0.0, NOISE, efforts.shape)
+
+
+def drum(motor, radius):
     return lambda text: re.sub(rf"(motor: {motor}, .*radius_mm: )6,", rf"\g<1>{radius},", text)
 
 
-def same(text: str) -> str:
+def same(text):
     return text
 
 
-def motor_key(motor: str, key: str) -> Callable[[str], str]:
+def motor_key(motor, key):
     return lambda text: text.replace(f"name: {motor},", f"name: {motor}, {key},")
 
 
-def preloads(factor: float, *cables: str) -> Callable[[str], str]:
+def preloads(factor, *cables):
     """The text with the preloads of some cables in another unit."""
 
-    def change(text: str) -> str:
+    def change(text):
         for name in cables:
             entry = rf"(- name: {name}\s[^§]*?preload: )([\d.]+)"
             text = re.sub(entry, lambda found: f"{found[1]}{factor * float(found[2]):g}", text)
@@ -59,23 +58,23 @@ def preloads(factor: float, *cables: str) -> Callable[[str], str]:
     return change
 
 
-def exchanged(a: int, b: int, *, angles: bool) -> Callable[[Readings], Readings]:
+def exchanged(a, b, *, angles):
     order = np.arange(3)
     order[[a, b]] = b, a
 
-    def change(given: Readings) -> Readings:
+    def change(given):
         motors, joints, efforts = given
         return (motors[:, order] if angles else motors), joints, efforts[:, order]
 
     return change
 
 
-def reversed_(given: Readings, motor: int) -> Readings:
+def reversed_(given, motor):
     sense = np.where(np.arange(3) == motor, -1.0, 1.0)
     return sense * given[0], given[1], sense * given[2]
 
 
-def kept(given: Readings) -> Readings:
+def kept(given):
     return given
 
 
@@ -139,23 +138,14 @@ SWAPPED = "the readings of {} and {} seem to be swapped: exchange their names"
         ),
     ],
 )  # fmt: skip
-def test_it_is_named_before_a_wrong_tension_is_ok(
-    truth: cdrj.Truth,
-    file: Callable[[str], str],
-    readings: Callable[[Readings], Readings],
-    words: str,
-) -> None:
+def test_it_is_named_before_a_wrong_tension_is_ok(truth, file, readings, words):
     live = LiveEstimator(prepare(parse_robot(file(TEXT)), check_range=False))
     layout = live.model.layout
-    generator = np.random.default_rng(0)
-    noisy = truth.motor_effort + generator.normal(0.0, NOISE, truth.motor_effort.shape)
-    motors, joints, efforts = readings((truth.motor_angle, truth.joint_angle, noisy))
-    scale = np.array([live.model.robot.effort_scale[name] for name in layout.motors])
+    efforts = noisy(truth.motor_effort)
+    motors, joints, efforts = readings((truth.motor_angle, truth.joint_angle, efforts))
+    efforts = efforts * [live.model.robot.effort_scale[name] for name in layout.motors]
     wrong, first = 0, ""
-    for k, stamp in enumerate((1_000_000_000 + np.round(1e9 * TIME)).astype(int).tolist()):
-        live.feed_efforts(stamp, layout.motors, scale * efforts[k])
-        live.feed("motors", stamp, layout.motors, motors[k])
-        _, found = live.feed("joints", stamp, layout.joints, joints[k])
+    for k, found in enumerate(heard(live, STAMPS, motors, joints, efforts)):
         report = live.report()
         said = live.misfit() + (report.message if report else "")
         if said not in QUIET:
@@ -182,13 +172,8 @@ def test_it_is_named_before_a_wrong_tension_is_ok(
 def test_a_gear_some_percent_off_is_named_where_efforts_are_heard(truth, motor, factor):
     """Tensions that stretch the cable as far would be read."""
     live = LiveEstimator(prepare(parse_robot(motor_key(motor, f"scale: {factor}")(TEXT))))
-    layout, generator = live.model.layout, np.random.default_rng(0)
-    noisy = truth.motor_effort + generator.normal(0.0, NOISE, truth.motor_effort.shape)
-    for k in range(1000):
-        stamp = 1_000_000_000 + 10_000_000 * k
-        live.feed_efforts(stamp, layout.motors, noisy[k])
-        live.feed("motors", stamp, layout.motors, truth.motor_angle[k])
-        live.feed("joints", stamp, layout.joints, truth.joint_angle[k])
+    readings = truth.motor_angle, truth.joint_angle, noisy(truth.motor_effort)
+    for k, _ in enumerate(heard(live, STAMPS, *readings)):
         if k % 100 == 0:
             report = live.report()
     words = rf"{motor} turns {factor:g}\d* times as far as its cables allow: scale: (\S*) or a drum"
@@ -232,13 +217,14 @@ def test_a_zero_is_named_beside_a_motor_that_seems_to_turn_too_far(zero):
     model, seconds = prepare(parse_robot(NECK)), np.arange(0.0, 12.0, 0.02)
     swing = np.radians([15.0, 12.0]) * np.sin(2.0 * np.pi * seconds[:, None] * [0.4, 0.25])
     motion = cdrj.simulate(model.robot, seconds, swing)
-    live, generator, said = LiveEstimator(model), np.random.default_rng(0), []
-    for k in range(seconds.size):
-        stamp = 1_000_000_000 + 20_000_000 * k
-        noise = generator.normal(0.0, NOISE, 3)
-        live.feed_efforts(stamp, model.layout.motors, motion.motor_effort[k] + noise)
-        live.feed("motors", stamp, model.layout.motors, motion.motor_angle[k])
-        live.feed("joints", stamp, model.layout.joints, motion.joint_angle[k] + [zero, 0.0])
+    live, said = LiveEstimator(model), []
+    readings = (
+        motion.motor_angle,
+        motion.joint_angle + np.array([zero, 0.0]),
+        noisy(motion.motor_effort),
+    )
+    stamps = range(1_000_000_000, 13_000_000_000, 20_000_000)
+    for k, _ in enumerate(heard(live, stamps, *readings)):
         if k % 50 == 0:
             said.append(live.report().message)
     both = [
@@ -260,13 +246,9 @@ def test_efforts_that_contradict_the_file_from_the_first_leave_no_wrong_tension_
     """No filter explains the first readings of the efforts, nor may they be single wrong ones."""
     text = TEXT + "uncertainty: {others: exact, drums: hold}\n"
     live = LiveEstimator(prepare(parse_robot(text), check_range=False))
-    layout = live.model.layout
-    motors, joints, efforts = readings((truth.motor_angle, truth.joint_angle, truth.motor_effort))
-    for k in range(500):
-        stamp = 1_000_000_000 + 10_000_000 * k
-        live.feed_efforts(stamp, layout.motors, efforts[k])
-        live.feed("motors", stamp, layout.motors, motors[k])
-        for one in live.feed("joints", stamp, layout.joints, joints[k])[1]:
+    given = readings((truth.motor_angle, truth.joint_angle, truth.motor_effort))
+    for k, found in enumerate(heard(live, STAMPS[:500], *given)):
+        for one in found:
             assert one.stddev is not None
             error = np.abs(one.tension - truth.tension[k]) / one.stddev[: one.tension.size]
             assert not ((one.status == 0) & (error > 5.0)).any(), f"{0.01 * k:.2f} s"
@@ -276,14 +258,8 @@ def test_of_explanations_that_are_as_good_one_stays(truth):
     """Doubled preloads and halved efforts read alike."""
     text = preloads(2.0, "deep", "superficial", "extensor")(TEXT)
     live = LiveEstimator(prepare(parse_robot(text), check_range=False))
-    layout, generator = live.model.layout, np.random.default_rng(0)
-    said = []
-    for k in range(1000):
-        stamp = 1_000_000_000 + 10_000_000 * k
-        noise = generator.normal(0.0, NOISE, len(layout.motors))
-        live.feed_efforts(stamp, layout.motors, truth.motor_effort[k] + noise)
-        live.feed("motors", stamp, layout.motors, truth.motor_angle[k])
-        live.feed("joints", stamp, layout.joints, truth.joint_angle[k])
+    readings, said = (truth.motor_angle, truth.joint_angle, noisy(truth.motor_effort)), []
+    for _ in heard(live, STAMPS, *readings):
         named = [name for name in live.corrections.report().named if name][:1]
         if named and named != said[-1:]:
             said += named

@@ -1,8 +1,5 @@
 """The rules for readings of docs/estimation.md, in cases small enough to compute by hand."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable
 from math import exp, hypot
 
 import numpy as np
@@ -10,9 +7,8 @@ import pytest
 from support.reading_streams import take
 from support.wound import robot_of
 
-from cdrj_ros.estimation.conditioner import Conditioner, Mode
+from cdrj_ros.estimation.conditioner import Conditioner
 from cdrj_ros.estimation.estimator import Sample
-from cdrj_ros.robot.description import Robot
 
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -33,16 +29,16 @@ joints: [{name: q, range: [-900, 900], resolution: 0.002, max_speed: 50}]
 class Heard:
     """A conditioner, its samples, and the stamp of the next reading."""
 
-    def __init__(self, robot: Robot = COUNTED, mode: Mode = "wait") -> None:
+    def __init__(self, robot=COUNTED, mode="wait"):
         self.gate, self.samples, self.at_ms = Conditioner(robot, mode), list[Sample](), 0.0
 
-    def hear(self, name: str, angle: float, at_ms: float, by_arrival: bool = False) -> list[Sample]:
+    def hear(self, name, angle, at_ms, by_arrival=False):
         stamp = START + round(at_ms * MS)
         found = take(self.gate, "both", stamp, (name,), (angle,), by_arrival)
         self.samples += found
         return found
 
-    def both(self, angles: Iterable[float], every_ms: float = 10.0) -> Heard:
+    def both(self, angles, every_ms=10.0):
         """Readings of the motor, with the joint at rest."""
         for angle in angles:
             take(self.gate, "both", START + round(self.at_ms * MS), ("q",), (0.0,))
@@ -50,36 +46,34 @@ class Heard:
             self.at_ms += every_ms
         return self
 
-    def offset(self, axis: int = 0) -> float:
+    def offset(self, axis=0):
         """The standard deviation of an offset last told [rad]."""
         return [float(one.offset[0][axis]) for one in self.samples if one.offset.size][-1]
 
-    def lag(self, axis: int = 0) -> float:
+    def lag(self, axis=0):
         """The same of the lag [s]."""
         return [float(one.offset[1][axis]) for one in self.samples if one.offset.size][-1]
 
 
-def level(value: float) -> float:
+def level(value):
     """The next of values that are a quarter apart."""
     powers = np.exp(0.22 * np.arange(-100, 40))
     return float(powers[powers >= value * (1.0 - 1e-12)].min())
 
 
-def moving(count: int, step: float = 0.01, begin: float = 0.0) -> list[float]:
+def moving(count, step=0.01, begin=0.0):
     return [begin + step * k for k in range(1, count + 1)]
 
 
 # --- steps ----------------------------------------------------------------------------------------
 
 
-def test_an_axis_at_rest_has_a_third_of_two_reading_errors_as_offset() -> None:
+def test_an_axis_at_rest_has_a_third_of_two_reading_errors_as_offset():
     assert Heard().both([0.0] * 30).offset() == pytest.approx(level(0.35 * 2.0 * B))
 
 
 @pytest.mark.parametrize(("by", "is_step"), [(0.0102, True), (0.0098, False), (-0.0301, True)])
-def test_a_displacement_is_a_step_if_no_motion_of_its_neighbours_explains_it(
-    by: float, is_step: bool
-) -> None:
+def test_a_displacement_is_a_step_if_no_motion_of_its_neighbours_explains_it(by, is_step):
     """At 1 rad/s the velocities before and after explain 10 mrad, (C7); what is left is in (C9)."""
     heard = Heard().both(moving(150))
     assert heard.offset() == pytest.approx(level(0.35 * 2.0 * B))
@@ -93,7 +87,7 @@ def test_a_displacement_is_a_step_if_no_motion_of_its_neighbours_explains_it(
     assert heard.offset() == pytest.approx(level(wanted))
 
 
-def test_a_step_exceeds_what_was_unexplained_before_by_2_5_and_counts_once_per_direction() -> None:
+def test_a_step_exceeds_what_was_unexplained_before_by_2_5_and_counts_once_per_direction():
     heard = Heard().both(moving(150)).both(moving(50, begin=1.5 + 0.0095))
     largest = 2.5 * 0.0095
     heard.both(moving(50, begin=2.0 + 0.0095 + 0.98 * largest))
@@ -108,13 +102,13 @@ def test_a_step_exceeds_what_was_unexplained_before_by_2_5_and_counts_once_per_d
     assert np.isinf(heard.samples[-49].unseen).any(), "what friction did meanwhile is unknown"
 
 
-def test_before_a_radian_of_travel_a_step_is_part_of_the_offset() -> None:
+def test_before_a_radian_of_travel_a_step_is_part_of_the_offset():
     heard = Heard().both(moving(50)).both(moving(50, begin=0.5 + 0.009))
     assert heard.gate.displaced == {}
     assert heard.offset() == pytest.approx(level(0.35 * 0.009))
 
 
-def test_in_longer_intervals_less_of_a_displacement_is_unexplained() -> None:
+def test_in_longer_intervals_less_of_a_displacement_is_unexplained():
     """At rest, in an interval of 40 ms between ones of 10 ms: n = 10, so u counts 0.4 times."""
     slowing, flicker = np.cumsum([0.008, 0.006, 0.004, 0.002]), np.tile([0.0, 1e-5], 25)
     for by, is_step in ((9.7e-3, False), (10.3e-3, True)):
@@ -124,16 +118,14 @@ def test_in_longer_intervals_less_of_a_displacement_is_unexplained() -> None:
         assert (heard.gate.displaced != {}) == is_step
 
 
-def test_intervals_above_a_tenth_of_a_second_are_not_judged() -> None:
+def test_intervals_above_a_tenth_of_a_second_are_not_judged():
     for every_ms, found in ((99.0, True), (101.0, False)):
         heard = Heard().both(moving(150, 0.1), every_ms).both(moving(20, 0.1, 15.5), every_ms)
         assert (heard.gate.displaced != {}) == found
 
 
 @pytest.mark.parametrize(("by", "refused", "is_step"), [(0.45, 4, False), (0.55, 5, True)])
-def test_five_readings_that_max_speed_refuses_and_that_agree_are_a_step(
-    by: float, refused: int, is_step: bool
-) -> None:
+def test_five_readings_that_max_speed_refuses_and_that_agree_are_a_step(by, refused, is_step):
     """At 40 rad/s the limit of 50 rad/s wins 0.1 rad on the displacement per reading."""
     heard = Heard()
     for k in range(90):
@@ -143,7 +135,7 @@ def test_five_readings_that_max_speed_refuses_and_that_agree_are_a_step(
     assert heard.gate.displaced == ({"q": pytest.approx(by)} if is_step else {})
 
 
-def test_fewer_are_a_step_if_the_axis_was_never_half_as_fast() -> None:
+def test_fewer_are_a_step_if_the_axis_was_never_half_as_fast():
     heard = Heard()
     for k in range(90):
         heard.hear("m", 0.0, 10.0 * k)
@@ -155,7 +147,7 @@ def test_fewer_are_a_step_if_the_axis_was_never_half_as_fast() -> None:
 # --- wrong and foreign readings -------------------------------------------------------------------
 
 
-def test_a_single_reading_off_the_line_is_refused_and_no_sample_has_it() -> None:
+def test_a_single_reading_off_the_line_is_refused_and_no_sample_has_it():
     for off, is_refused in ((0.0041, True), (0.0039, False)):
         heard = Heard().both(moving(150)).both([1.51 + off]).both(moving(50, begin=1.51))
         assert heard.gate.refused["implausible"] == is_refused
@@ -166,14 +158,14 @@ def test_a_single_reading_off_the_line_is_refused_and_no_sample_has_it() -> None
 
 
 @pytest.mark.parametrize(("share", "is_refused"), [(0.4, True), (0.6, False)])
-def test_the_next_reading_decides_by_half_of_the_deviation(share: float, is_refused: bool) -> None:
+def test_the_next_reading_decides_by_half_of_the_deviation(share, is_refused):
     heard = Heard().both(moving(150)).both([1.51 + 0.05, 1.52 + share * 0.05])
     heard.both(moving(50, begin=1.52 + share * 0.05))
     assert heard.gate.refused["implausible"] == is_refused
 
 
 @pytest.mark.parametrize(("count", "is_doubted"), [(6, False), (7, True)])
-def test_seven_readings_out_of_range_are_foreign(count: int, is_doubted: bool) -> None:
+def test_seven_readings_out_of_range_are_foreign(count, is_doubted):
     """1 - (63/64)^7 = 0.104."""
     heard = Heard().both([0.0] * 20)
     for k in range(count):
@@ -182,7 +174,7 @@ def test_seven_readings_out_of_range_are_foreign(count: int, is_doubted: bool) -
     assert heard.gate.alternating == (["q"] if is_doubted else [])
 
 
-def test_before_a_radian_of_travel_only_ten_errors_are_off() -> None:
+def test_before_a_radian_of_travel_only_ten_errors_are_off():
     """The left side of (C8) is half the deviation in even intervals."""
     for off, every_ms, is_refused in (
         (0.021, 10.0, True),
@@ -193,7 +185,7 @@ def test_before_a_radian_of_travel_only_ten_errors_are_off() -> None:
         assert heard.gate.refused["implausible"] == is_refused
 
 
-def test_a_tenth_of_foreign_readings_leaves_an_axis_in_doubt() -> None:
+def test_a_tenth_of_foreign_readings_leaves_an_axis_in_doubt():
     """Every second reading is refused; weights fall by 1/64 per reading."""
     share, pairs = 0.0, 0
     while share <= 0.1:
@@ -206,7 +198,7 @@ def test_a_tenth_of_foreign_readings_leaves_an_axis_in_doubt() -> None:
         assert heard.gate.alternating == (["m"] if is_doubted else [])
 
 
-def test_two_values_for_one_time_leave_a_doubt_that_a_hundred_good_readings_end() -> None:
+def test_two_values_for_one_time_leave_a_doubt_that_a_hundred_good_readings_end():
     """It ends after the 103rd, as 0.1 (63/64)^102 is above a fiftieth."""
     heard = Heard().both(moving(150))
     heard.hear("m", 1.6, heard.at_ms - 10.0)
@@ -222,7 +214,7 @@ def test_two_values_for_one_time_leave_a_doubt_that_a_hundred_good_readings_end(
 
 
 @pytest.mark.parametrize(("by", "cause"), [(0.0021, "contradictory"), (0.0019, "repeated")])
-def test_two_values_for_one_time_differ_by_more_than_two_errors(by: float, cause: str) -> None:
+def test_two_values_for_one_time_differ_by_more_than_two_errors(by, cause):
     heard = Heard().both(moving(150))
     heard.hear("m", 1.5 + by, heard.at_ms - 10.0)
     assert heard.gate.refused[cause] == 1
@@ -233,9 +225,7 @@ def test_two_values_for_one_time_differ_by_more_than_two_errors(by: float, cause
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5, B])
 @pytest.mark.parametrize(("count", "is_old"), [(1, False), (2, True)])
-def test_readings_that_stay_where_the_axis_should_have_moved_are_old(
-    count: int, is_old: bool, noise: float
-) -> None:
+def test_readings_that_stay_where_the_axis_should_have_moved_are_old(count, is_old, noise):
     """After steps of 10 mrad, two intervals exceed 1.5 of them, 10 q = 15 mrad and 10 b, (C12)."""
     course = [0.0, *moving(61, begin=-0.0085)]
     heard = Heard().both(course).both([course[-1] - noise, course[-1]][:count])
@@ -252,7 +242,7 @@ def test_readings_that_stay_where_the_axis_should_have_moved_are_old(
 PLAIN = robot_of("name: plain\nmotors: [{name: m}]\njoints: [{name: q, range: [-900, 900]}]", "m")
 
 
-def test_half_way_between_readings_the_deviation_follows_from_speed_and_acceleration() -> None:
+def test_half_way_between_readings_the_deviation_follows_from_speed_and_acceleration():
     """At 0.5 rad/s and 4 Hz: A = 1.5 · 0.5 / 0.25 s after the first window, then fades in 10 s."""
     heard = Heard(PLAIN)
     for k in range(401):
@@ -268,7 +258,7 @@ def test_half_way_between_readings_the_deviation_follows_from_speed_and_accelera
     assert at[START + 1800 * MS][0][0] == pytest.approx(0.64 * wanted, rel=1e-9)
 
 
-def test_the_motion_of_an_axis_read_too_seldom_is_what_others_show_of_it() -> None:
+def test_the_motion_of_an_axis_read_too_seldom_is_what_others_show_of_it():
     """The motor goes to and fro at 1 rad/s within 0.4 s, and is worth ten of the joint, (C13)."""
     robot = robot_of(
         "name: two\nmotors: [{name: m}]\njoints: [{name: q, range: [-9, 9]}]", "m",
@@ -286,7 +276,7 @@ def test_the_motion_of_an_axis_read_too_seldom_is_what_others_show_of_it() -> No
     assert middle.unseen[0][1] == pytest.approx(ratio * 100.0 * 0.3**2 / 3.0, rel=0.02)
 
 
-def test_a_predicted_angle_has_the_deviation_of_the_motion_so_far() -> None:
+def test_a_predicted_angle_has_the_deviation_of_the_motion_so_far():
     """At 1 rad/s in one direction, A is V / 0.1 s; 10 ms ahead, with 20 ms of velocity, (C4)."""
     heard = Heard(mode="predict")
     for k in range(40):
@@ -301,7 +291,7 @@ def test_a_predicted_angle_has_the_deviation_of_the_motion_so_far() -> None:
     assert ahead.unseen[0][1] == pytest.approx(hypot(drift, noise), rel=1e-3)
 
 
-def test_a_gap_is_not_the_rate_of_a_channel() -> None:
+def test_a_gap_is_not_the_rate_of_a_channel():
     heard = Heard().both([0.0] * 20)
     for _ in range(2):
         heard.at_ms += 60_000.0
@@ -330,9 +320,7 @@ joints: [{name: q, range: [-900, 900]}]
     ("robot", "motor", "joint"),
     [(STATED, (4e-3, 1e-3), (6e-3, 1e-3)), (PLAIN, (45e-3, 0.0), (45e-3, 0.0))],
 )
-def test_a_clock_is_behind_by_at_most_the_wait_for_the_next_stamp_of_others(
-    robot: Robot, motor: tuple[float, float], joint: tuple[float, float]
-) -> None:
+def test_a_clock_is_behind_by_at_most_the_wait_for_the_next_stamp_of_others(robot, motor, joint):
     """The joint is read 4 ms after the motor; values may be 45 ms old where nothing is stated."""
     heard = Heard(robot)
     for k in range(120):
@@ -342,7 +330,7 @@ def test_a_clock_is_behind_by_at_most_the_wait_for_the_next_stamp_of_others(
         assert heard.lag(axis) == pytest.approx(level(hypot(0.35 * most, stated)))
 
 
-def test_axes_of_one_message_have_one_clock() -> None:
+def test_axes_of_one_message_have_one_clock():
     heard = Heard(STATED)
     for k in range(120):
         take(heard.gate, "both", START + k * 10 * MS, ("m",), (0.0,))
@@ -350,7 +338,7 @@ def test_axes_of_one_message_have_one_clock() -> None:
     assert heard.lag() == pytest.approx(level(1e-3))
 
 
-def test_times_of_arrival_are_as_certain_as_they_are_even() -> None:
+def test_times_of_arrival_are_as_certain_as_they_are_even():
     """One message comes 6 ms late: intervals of 10, 16 and 4 ms differ by 12 ms, (C14)."""
     for late, uneven in ((0.0, 0.0), (6.0, 12e-3)):
         heard = Heard(STATED)
@@ -366,7 +354,7 @@ def test_times_of_arrival_are_as_certain_as_they_are_even() -> None:
 # --- what lasts -----------------------------------------------------------------------------------
 
 
-def test_steps_and_motion_outlast_a_restart_and_a_tare_ends_them() -> None:
+def test_steps_and_motion_outlast_a_restart_and_a_tare_ends_them():
     heard = Heard().both(moving(150)).both(moving(60, begin=1.55))
     again = Heard()
     again.gate.recall(heard.gate.memory())

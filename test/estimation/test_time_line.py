@@ -1,9 +1,5 @@
 """Properties of the gates and the time line that hold for every stream of messages."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,9 +9,7 @@ from support.wound import robot_of
 
 from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.conditioner import Conditioner, angles_of
-from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.arrays import Series
-from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.reader import parse_robot
 
 ROBOT = robot_of("""
@@ -40,11 +34,11 @@ SECOND = 1_000_000_000
 class Listener:
     """A conditioner fed by messages, and all samples that it has returned."""
 
-    def __init__(self, robot: Robot = ROBOT) -> None:
+    def __init__(self, robot=ROBOT):
         self.conditioner = Conditioner(robot)
-        self.segments: list[list[Sample]] = [[]]
+        self.segments = [[]]
 
-    def feed(self, message: Message) -> list[Sample]:
+    def feed(self, message):
         jumps = self.conditioner.clock_jumps
         samples = take(
             self.conditioner, message.topic, message.stamp_ns, message.names, message.positions
@@ -55,18 +49,18 @@ class Listener:
         return samples
 
     @property
-    def samples(self) -> list[Sample]:
+    def samples(self):
         return [sample for segment in self.segments for sample in segment]
 
 
-def listen(messages: Sequence[Message]) -> Listener:
+def listen(messages):
     listener = Listener()
     for message in messages:
         listener.feed(message)
     return listener
 
 
-def bits(samples: Sequence[Sample]) -> list[tuple[int, bytes, bytes]]:
+def bits(samples):
     return [
         (
             s.stamp_ns,
@@ -77,12 +71,12 @@ def bits(samples: Sequence[Sample]) -> list[tuple[int, bytes, bytes]]:
     ]
 
 
-def course(k: int, stamp: int) -> float:
+def course(k, stamp):
     """Angle of channel k at a time: within its range, slower than its limit."""
     return float((0.5, 3.0, 0.9, 0.5)[k] * np.sin((stamp - START) * 1e-9 * (2.0 + k)) + (k == 3))
 
 
-def stream(seed: int, topic: str, count: int, begin: int = START) -> list[Message]:
+def stream(seed, topic, count, begin=START):
     """Messages of one topic at its own uneven rate; some carry one name only, in any order."""
     generator = np.random.default_rng((seed, len(topic), len(topic) % 3))
     names = {"motors": MOTORS, "joints": JOINTS, "both": NAMES}[topic]
@@ -97,7 +91,7 @@ def stream(seed: int, topic: str, count: int, begin: int = START) -> list[Messag
     return messages
 
 
-def interleaved(streams: Sequence[Sequence[Message]], seed: int) -> list[Message]:
+def interleaved(streams, seed):
     """Streams shuffled into one; each keeps its own order."""
     generator = np.random.default_rng(seed)
     turns = generator.permutation(np.repeat(np.arange(len(streams)), [len(s) for s in streams]))
@@ -105,11 +99,11 @@ def interleaved(streams: Sequence[Sequence[Message]], seed: int) -> list[Message
     return [next(sources[k]) for k in turns]
 
 
-def by_stamp(streams: Sequence[Sequence[Message]]) -> list[Message]:
+def by_stamp(streams):
     return sorted((m for one in streams for m in one), key=lambda message: message.stamp_ns)
 
 
-def two_topics(seed: int, count: int = 60, begin: int = START) -> list[list[Message]]:
+def two_topics(seed, count=60, begin=START):
     return [stream(seed, "motors", count, begin), stream(seed, "joints", count, begin)]
 
 
@@ -118,13 +112,13 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(SEEDS)
-def test_samples_increase_and_lie_between_their_neighbours(seed: int) -> None:
+def test_samples_increase_and_lie_between_their_neighbours(seed):
     streams = two_topics(seed)
     samples = listen(interleaved(streams, seed)).samples
     assert bits(samples) == bits(listen(by_stamp(streams)).samples), "their order does not matter"
     stamps = [sample.stamp_ns for sample in samples]
     assert stamps == sorted(set(stamps))
-    readings: dict[str, dict[int, float]] = {name: {} for name in NAMES}
+    readings = {name: {} for name in NAMES}
     for message in by_stamp(streams):
         for name, value in zip(message.names, message.positions, strict=True):
             readings[name][message.stamp_ns] = value
@@ -142,7 +136,7 @@ def test_samples_increase_and_lie_between_their_neighbours(seed: int) -> None:
                 assert value == channel[sample.stamp_ns]
 
 
-def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
+def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed():
     conditioner = Conditioner(ROBOT)
     take(conditioner, "joints", START, JOINTS, (-1.0, 2.0))
     take(conditioner, "joints", START + SECOND // 10, JOINTS, (1.0, 0.0))
@@ -150,7 +144,7 @@ def test_the_ends_of_a_range_and_the_limit_of_speed_are_allowed() -> None:
     assert not any(conditioner.refused.values())
 
 
-def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading() -> None:
+def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading():
     streams = two_topics(2, 200)
     once = by_stamp(streams)
     earlier = [Message(m.topic, m.stamp_ns - 60 * SECOND, m.names, m.positions) for m in once]
@@ -164,7 +158,7 @@ def test_a_clock_that_jumps_back_on_two_topics_loses_no_reading() -> None:
     assert listener.conditioner.accepted == 2 * sum(len(m.names) for m in once)
 
 
-def test_a_gap_is_crossed_and_loses_no_reading() -> None:
+def test_a_gap_is_crossed_and_loses_no_reading():
     for wait in (MAX_GAP_NS + 1, 60 * SECOND):
         streams = two_topics(4, 80)
         cut = streams[0][40].stamp_ns
@@ -259,7 +253,7 @@ def test_the_first_intervals_of_a_slow_channel_give_no_samples_and_are_unknown()
 
 
 @pytest.mark.parametrize("hertz", [30, 50, 100])
-def test_a_sharp_turn_between_two_readings_is_within_the_stated_deviation(hertz: int) -> None:
+def test_a_sharp_turn_between_two_readings_is_within_the_stated_deviation(hertz):
     """A joint goes to and fro at 1 rad/s and turns within 30 ms, at another time of every cycle."""
     milliseconds = np.arange(12_000)
     position = np.abs((milliseconds + 250) % 1010 - 505) - 252.5  # corners [ms]
@@ -278,7 +272,7 @@ def test_a_sharp_turn_between_two_readings_is_within_the_stated_deviation(hertz:
     assert max(ratio) < 2.0
 
 
-def test_a_joint_that_slows_down_and_rests_is_not_taken_for_a_stuck_encoder() -> None:
+def test_a_joint_that_slows_down_and_rests_is_not_taken_for_a_stuck_encoder():
     """4000 counts per turn; the joint stops within 0.1 s, the motor goes on."""
     heard, count = Listener(COUNTED), 2.0 * np.pi / 4000.0
     time = 0.002 * np.arange(1000)

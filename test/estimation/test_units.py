@@ -1,7 +1,5 @@
 """Units, signs and factors of angles, by what cables say of them, (C15), in small cases."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -43,15 +41,15 @@ Angle = Callable[[float], float]
 class Moved:
     """An estimator whose axes have moved together, with readings 10 mrad of true angle apart."""
 
-    def __init__(self, text: str = TEXT) -> None:
+    def __init__(self, text=TEXT):
         self.live = LiveEstimator(prepare(parse_robot(text)))
         self.at_ns = START
-        self.unsure: list[bool] = []
+        self.unsure = []
         """Whether a tension is, sample by sample,"""
-        self.doubted: list[bool] = []
+        self.doubted = []
         """and whether a unit is in doubt."""
 
-    def feed(self, **angles: float) -> Moved:
+    def feed(self, **angles):
         names, positions = tuple(angles), tuple(angles.values())
         for found in self.live.feed("both", self.at_ns, names, positions)[1]:
             self.unsure.append(bool((found.status.astype(int) & UNSURE).any()))
@@ -59,22 +57,20 @@ class Moved:
         self.at_ns += 10 * MS
         return self
 
-    def together(self, motor: Angle, joint: Angle, until: float = 1.0) -> Moved:
+    def together(self, motor, joint, until=1.0):
         for k in range(round(100 * until)):
             self.feed(m=motor(0.01 * k), q=joint(0.01 * k))
         return self
 
 
-def same(angle: float) -> float:
+def same(angle):
     return angle
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 0.1, 0.5, 0.65, 0.8, 1.25, 1.6, 2.0, 57.3])
 @pytest.mark.parametrize("of_motor", [True, False])
-def test_an_axis_of_another_unit_is_unsure_once_it_is_worth_a_tenth(
-    factor: float, of_motor: bool
-) -> None:
-    def wrong(angle: float) -> float:
+def test_an_axis_of_another_unit_is_unsure_once_it_is_worth_a_tenth(factor, of_motor):
+    def wrong(angle):
         return factor * angle
 
     axes = (wrong, same) if of_motor else (same, wrong)
@@ -86,13 +82,13 @@ def test_an_axis_of_another_unit_is_unsure_once_it_is_worth_a_tenth(
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.0, 1.1])
-def test_a_load_in_proportion_that_the_range_allows_is_no_other_unit(factor: float) -> None:
+def test_a_load_in_proportion_that_the_range_allows_is_no_other_unit(factor):
     assert abs(factor - 1.0) < 0.9 * SHARE
     moved = Moved().together(same, lambda angle: factor * angle)
     assert not any(moved.doubted)
 
 
-def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_stretch() -> None:
+def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_stretch():
     """The motor has wound in 20 mrad while the joint stood; a load does so after 120 mrad."""
     moved = Moved().together(same, lambda angle: max(angle - 0.02, 0.0))
     last = max(k for k, is_doubted in enumerate(moved.doubted) if is_doubted)
@@ -101,7 +97,7 @@ def test_a_doubt_ends_when_the_axes_have_moved_so_far_that_a_load_explains_the_s
     assert all(moved.unsure[2 : last + 1])
 
 
-def test_loads_are_believed_as_far_as_they_would_not_be_too_much_at_the_ends_of_the_range() -> None:
+def test_loads_are_believed_as_far_as_they_would_not_be_too_much_at_the_ends_of_the_range():
     """After 1 rad of 6 a load of 16 of 100 N is one."""
     moved = Moved().together(same, same)
     for k in range(190):
@@ -110,7 +106,7 @@ def test_loads_are_believed_as_far_as_they_would_not_be_too_much_at_the_ends_of_
     assert 0.1 * first == pytest.approx(99.0 * SHARE, abs=2.0), "[N]"
 
 
-def test_a_cable_that_an_axis_hardly_moves_says_little_of_its_unit() -> None:
+def test_a_cable_that_an_axis_hardly_moves_says_little_of_its_unit():
     """Cable c stretches by 50 N; it has a millionth of the arm about p, which moves e alone."""
     more = """
   - name: e
@@ -131,7 +127,7 @@ uncertainty:"""
     assert found[-1].stddev[2] < 50.0, "[N], of e"
 
 
-def test_a_doubt_outlasts_a_gap_and_ends_with_a_reset() -> None:
+def test_a_doubt_outlasts_a_gap_and_ends_with_a_reset():
     """In the gap the axes move on, which leaves friction unknown, but not what a tension was."""
     moved = Moved().together(same, lambda angle: 0.5 * angle, until=0.5)
     moved.at_ns += 2_000 * MS
@@ -143,7 +139,7 @@ def test_a_doubt_outlasts_a_gap_and_ends_with_a_reset() -> None:
 
 
 @pytest.mark.parametrize("followed", [True, False])
-def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(followed: bool) -> None:
+def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(followed):
     """0.8 rad of a joint are worth 80 of 100 N: the motor takes them up, or the cable does."""
     free = "{name: q, range: [-3, 3]}, {name: f, range: [-0.4, 0.4]}"
     text = TEXT.replace("{name: q, range: [-3, 3]}", free)
@@ -155,7 +151,7 @@ def test_a_joint_that_the_cables_let_go_through_its_range_leaves_no_doubt(follow
     assert not any(moved.doubted)
 
 
-def test_what_a_load_may_stretch_follows_from_tensions_and_ranges() -> None:
+def test_what_a_load_may_stretch_follows_from_tensions_and_ranges():
     model = prepare(parse_robot(TEXT))
     assert load_share(model) == pytest.approx(np.array([[0.0, SHARE], [0.0, SHARE]]))
     unlimited = prepare(parse_robot(TEXT.replace("    max_tension: 100\n", "")))
