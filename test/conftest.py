@@ -10,8 +10,6 @@ Python's garbage collector looks at every object again and again, most of which 
 tests: it waits until these are loaded, leaves them out, and runs less often afterwards.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 from pathlib import Path

@@ -20,15 +20,10 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "test")]
 
-from support import (  # noqa: E402
-    campaign,
-    driver_draws,
-    driver_faults,
-)
+from support import campaign, driver_draws, driver_faults  # noqa: E402
 from support import campaign_draws as draws  # noqa: E402
 
-from cdrj_ros.estimation.estimator import Estimate  # noqa: E402
-from cdrj_ros.model.prepared import Model, load_model  # noqa: E402
+from cdrj_ros.evaluation.validation import prepared_model  # noqa: E402
 
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 PAGE = ROOT / "docs" / "reliability.md"
@@ -54,22 +49,17 @@ class Result(NamedTuple):
     words: str
 
     @property
-    def share(self) -> float:
+    def share(self):
         """Share of the tensions with status 0 beyond five standard deviations [-]."""
         return self.beyond_five / max(self.good, 1)
 
 
 @cache
-def _model() -> Model:
-    return load_model(ROBOT)
+def _course(index):
+    return draws.course(prepared_model(ROBOT), index)
 
 
-@cache
-def _course(index: int) -> campaign.Course:
-    return draws.course(_model(), index)
-
-
-def run(kind: str, seed: int) -> Result:
+def run(kind, seed):
     """One run of a kind of fault, or of several together."""
     if kind in driver_draws.DRIVERS:
         return _run_driver(kind, seed)
@@ -82,28 +72,28 @@ def run(kind: str, seed: int) -> Result:
     index = (first + 7 * seed) % draws.COURSES
     course = _course(index)
     with TemporaryDirectory() as folder:
-        outputs = campaign.run(_model(), course, faults, scratch=Path(folder))
+        outputs = campaign.run(prepared_model(ROBOT), course, faults, scratch=Path(folder))
     said = f"course {index}, seed {seed}: {words} {faults.words()}"
     return _result(kind, course, outputs, said)
 
 
-def _run_driver(kind: str, seed: int) -> Result:
+def _run_driver(kind, seed):
     """One run of a driver."""
     index = (3 * list(driver_draws.DRIVERS).index(kind) + 7 * seed) % draws.COURSES
     course = _course(index)
-    messages = driver_draws.messages(_model(), course, kind, seed)
-    outputs = driver_faults.feed(_model(), messages)
+    messages = driver_draws.messages(prepared_model(ROBOT), course, kind, seed)
+    outputs = driver_faults.feed(prepared_model(ROBOT), messages)
     return _result(kind, course, outputs, f"course {index}, seed {seed}")
 
 
-def _result(kind: str, course: campaign.Course, outputs: list[Estimate], words: str) -> Result:
+def _result(kind, course, outputs, words):
     """The verdict on a run."""
     verdict = campaign.judge(course, outputs)
     two, five = (round(verdict.beyond(s) * verdict.ratio.size) for s in (2.0, 5.0))
     return Result(kind, verdict.judged, verdict.ratio.size, two, five, verdict.worst, words)
 
 
-def row(kind: str, results: list[Result]) -> str:
+def row(kind, results):
     """The row of a kind of fault."""
     judged, good, two, five = (
         sum(getattr(one, key) for one in results)
@@ -115,7 +105,7 @@ def row(kind: str, results: list[Result]) -> str:
     return f"| {kind} | {share} | {beyond} | {worst:.1f} N |"
 
 
-def summary(results: list[Result]) -> str:
+def summary(results):
     """How many runs there were, and which kinds of faults have runs beyond the law."""
     over = [one.kind for one in results if one.share > LAW]
     named = ", ".join(f"{kind} ({over.count(kind)})" for kind in dict.fromkeys(over)) or "none"
@@ -123,7 +113,7 @@ def summary(results: list[Result]) -> str:
     return f"{len(results)} runs, {mixed} with one to three faults. Beyond the law: {named}."
 
 
-def main() -> int:
+def main():
     """Run, print, and write if asked."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--runs", type=int, default=6, help="runs of every kind (6)")

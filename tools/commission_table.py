@@ -17,70 +17,64 @@ is then judged on another motion.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros.commands import commission_steps as steps
 from cdrj_ros.estimation.conditioner import condition
-from cdrj_ros.estimation.estimator import Estimates
 from cdrj_ros.evaluation.estimating import estimate
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.identification.poses import rest_poses
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.model.prepared import prepare
+from cdrj_ros.robot.description import Winch
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import default_tolerances, within_range
 from cdrj_ros.robot.writer import with_section
-from cdrj_ros.simulation.assembly import Truth
 from cdrj_ros.simulation.drives import follow_joints
 from cdrj_ros.simulation.load import make_load
 from cdrj_ros.simulation.motion import differences, random
+from cdrj_ros.simulation.sensors import reading_of
 from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 
-Vector = NDArray[np.float64]
-Read = tuple[Recorded, Truth]
-
-MISMATCHES: Final = 3
-SECONDS: Final = 60.0
-RATE: Final = 500.0
-INERTIA_S: Final = 0.01
+MISMATCHES = 3
+SECONDS = 60.0
+RATE = 500.0
+INERTIA_S = 0.01
 """Standard deviation of the smoothing of a balancing motor [s].  Without inertia it would cross the
 friction of the cables at a reversal, 1.4 degrees, between two readings, as a slip does."""
-PULL: Final = 0.05
+PULL = 0.05
 """Angle by which every motor of the wrist turns beyond what the joints ask for [rad]."""
-START_S: Final = 5.0
+START_S = 5.0
 """Beginning of a judged motion, in which the friction history is unknown [s]."""
-EFFORT_NOISE: Final = {"prototype": 0.02, "wrist": 0.002}
+EFFORT_NOISE = {"prototype": 0.02, "wrist": 0.002}
 """Standard deviation of the motors' efforts [N m]: some 5 % of what the preloads make of them."""
-CELL_NOISE: Final = 0.1
-SCALE_GAIN: Final = 0.0283
-SCALE_NOISE: Final = 0.01
-POSES: Final = {"prototype": ((-0.8,), (0.8,)),
+CELL_NOISE = 0.1
+SCALE_GAIN = 0.0283
+SCALE_NOISE = 0.01
+POSES = {"prototype": ((-0.8,), (0.8,)),
                 "wrist": ((-0.8, -0.8, -0.8), (0.8, 0.8, 0.8), (0.8, -0.8, 0.8))}  # fmt: skip
 """Further poses for the spring scale, as fractions of the ranges beside the reference pose."""
 MOVE_S, REST_S, CYCLES = 2.5, 3.0, 5
-CALLIPER_NOISE: Final = 5e-5
-EPOCH_NS: Final = 1_700_000_000_000_000_000
+CALLIPER_NOISE = 5e-5
+EPOCH_NS = 1_700_000_000_000_000_000
 
 
-def drawn(document: Any, seed: int) -> tuple[Any, list[str]]:
+def drawn(document, seed):
     """A possible truth, and what differs from the file."""
     generator = np.random.default_rng([seed, 7])
     causes = default_tolerances(document)
     while True:
         chosen = [causes[k] for k in generator.choice(len(causes), MISMATCHES, replace=False)]
-        values: dict[str, float] = {}
+        values = {}
         for cause in chosen:
             size = float(generator.standard_normal())
             for path, stddev in cause.factor.items():
@@ -94,7 +88,7 @@ def drawn(document: Any, seed: int) -> tuple[Any, list[str]]:
         return truth, [cause.what for cause in chosen]
 
 
-def moved(robot: Robot, seed: int) -> Read:
+def moved(robot, seed):
     """A random motion over most of the joints' ranges, and what the encoders read."""
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
     if len(robot.joints) == 1:
@@ -117,29 +111,29 @@ def moved(robot: Robot, seed: int) -> Read:
     return _read(robot, time, joints, motors)
 
 
-def _read(robot: Robot, time: Vector, joints: Vector, motors: Vector) -> Read:
+def _read(robot, time, joints, motors):
     """The readings of all encoders in a motion, and its truth."""
     truth = simulate(robot, time, joints, motor_angle=motors, allow_slack=True)
     stamps = EPOCH_NS + np.round(time * 1e9).astype(np.int64)
-    found: list[dict[str, Series]] = []
+    found = []
     for axes, angles in ((robot.motors, truth.motor_angle), (robot.joints, truth.joint_angle)):
         own = {}
         for axis, angle in zip(axes, angles.T, strict=True):
-            reading = (angle - axis.sensor.offset) / axis.sensor.scale
             count = axis.sensor.resolution or 1e-5
-            own[axis.name] = Series(stamps, stamps, np.round(reading / count) * count)
+            reading = np.round(reading_of(axis.sensor, angle) / count) * count
+            own[axis.name] = Series(stamps, stamps, reading)
         found.append(own)
     return Recorded("motion", *found, {}), truth
 
 
-def recordings(robot: Robot, seed: int) -> Iterator[Recorded]:
+def recordings(robot, seed):
     """In motion with efforts; the same with the load cells of the first two cables, too."""
     generator = np.random.default_rng([seed, 8])
     motion, truth = moved(robot, seed)
     at = np.ascontiguousarray(stamps_of(motion)[::2])
     layout = prepare(robot).layout
 
-    def heard(column: Vector, noise: float) -> Series:
+    def heard(column, noise):
         return Series(at, at, column[::2] + generator.normal(0.0, noise, at.size))
 
     references = {
@@ -154,10 +148,9 @@ def recordings(robot: Robot, seed: int) -> Iterator[Recorded]:
     yield replace(motion, references=references)
 
 
-def in_poses(robot: Robot) -> Read:
+def in_poses(robot):
     """At rest in one pose after the other, where a spring scale can be read, and on the ways."""
-    joints = robot.joints
-    here = np.array([joint.reference_angle for joint in joints])
+    joints, here = robot.joints, robot.reference_pose
     ends = here - [joint.lower for joint in joints], [joint.upper for joint in joints] - here
     parts = [np.tile(here, (round(REST_S * RATE), 1))]
     count = round(MOVE_S * RATE)
@@ -175,9 +168,7 @@ def in_poses(robot: Robot) -> Read:
     return _read(robot, time, angles, motors)
 
 
-def scale_read(
-    robot: Robot, recorded: Recorded, truth: Truth, generator: np.random.Generator
-) -> list[dict[str, float]]:
+def scale_read(robot, recorded, truth, generator):
     """What a spring scale reads at the last element of every cable, in every pose."""
     gain = 1.0 + SCALE_GAIN * float(generator.standard_normal())
     layout = prepare(robot).layout
@@ -193,7 +184,7 @@ def scale_read(
     return found
 
 
-def stamps_of(recorded: Recorded) -> NDArray[np.int64]:
+def stamps_of(recorded):
     """Of all readings [ns]."""
     return next(iter(recorded.motors.values())).stamp_ns
 
@@ -211,11 +202,11 @@ class Figures(NamedTuple):
     error: float
 
 
-def compared(model: Model, other: Read) -> Figures:
+def compared(model, other):
     """Estimates of another motion beside the truth."""
     motion, truth = other
     conditioned = condition(model.robot, motion.motors, motion.joints)
-    found: Estimates = estimate(model, conditioned, uncertainty=True)
+    found = estimate(model, conditioned, uncertainty=True)
     stamps = found.stamp_ns
     late = stamps >= stamps_of(motion)[0] + round(START_S * 1e9)
     true = np.stack(
@@ -234,7 +225,7 @@ def compared(model: Model, other: Read) -> Figures:
     )  # fmt: skip
 
 
-def course(name: str, seed: int) -> Iterator[tuple[str, Figures]]:
+def course(name, seed):
     """The steps for one truth, from a shipped robot file without a statement on its accuracy."""
     source = ROOT / "config" / "robots" / f"{name}.yaml"
     text = with_section(source.read_text(encoding="utf-8"), "uncertainty", None)
@@ -263,7 +254,7 @@ def course(name: str, seed: int) -> Iterator[tuple[str, Figures]]:
         yield what, compared(now.also(motion=[recorded]).model, other)
 
 
-def main() -> None:
+def main():
     """Print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -271,7 +262,7 @@ def main() -> None:
     parser.add_argument("robot", choices=("prototype", "wrist"))
     parser.add_argument("--draws", type=int, default=20)
     arguments = parser.parse_args()
-    rows: dict[str, list[Figures]] = {}
+    rows = {}
     for seed in range(arguments.draws):
         for what, figures in course(arguments.robot, seed):
             rows.setdefault(what, []).append(figures)

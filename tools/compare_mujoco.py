@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.foundation.errors import CdrjError, UsageError
-from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.model.prepared import Model, prepare, shape_at
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import load_mujoco, read_mjcf
+from cdrj_ros.robot.mjcf_bodies import Bodies
 from cdrj_ros.robot.mjcf_drives import HELD, following_joints
 from cdrj_ros.robot.reader import parse_robot
 
@@ -75,12 +75,12 @@ class Comparison:
     not cut, at most grazes, and so adds up to a turn to it."""
 
     @property
-    def agrees(self) -> bool:
+    def agrees(self):
         """Whether all compared values agree."""
         return self.length <= LENGTH and self.slope <= ARM
 
 
-def compare(path: Path, poses: int = 1000) -> Comparison:
+def compare(path, poses=1000):
     """Compare all spatial tendons of a model in random poses within the joint ranges.
 
     Tendons are imported one by one, so that a pose that is impossible for one of them does not
@@ -105,7 +105,7 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
     length = arm = slope = 0.0
     impossible = beyond = 0
     left_out = {"": 0, "rounding": 0, "turns": 0}
-    touched: set[tuple[int, int]] = set()
+    touched = set()
     low, high = joint_ranges(mujoco, mj)
     for _ in range(poses):
         drawn = low + generator.random(mj.njnt) * (high - low)
@@ -140,19 +140,12 @@ def compare(path: Path, poses: int = 1000) -> Comparison:
     )  # fmt: skip
 
 
-def _alike(difference: NDArray[np.float64]) -> bool:
+def _alike(difference):
     """Whether a length and its moment arms agree."""
     return bool(difference[0] <= LENGTH and (difference[1:] <= ARM).all())
 
 
-def _left_out(
-    tendon: int,
-    robot: Imported,
-    drawn: NDArray[np.float64],
-    own: NDArray[np.float64],
-    theirs: Theirs,
-    thinner: Theirs,
-) -> str:
+def _left_out(tendon, robot, drawn, own, theirs, thinner):
     """Why a tendon is not compared in a pose in which it differs; empty if it is."""
     thin = robot.own(robot.thin, drawn)
     widest = float(theirs.mj.geom_size[:, 0].max(initial=0.0))
@@ -170,7 +163,7 @@ class Theirs:
     mj: Any
     """``MjModel``."""
 
-    def place(self, pose: NDArray[np.float64]) -> None:
+    def place(self, pose):
         """Compute them."""
         self.data = self.mujoco.MjData(self.mj)
         self.data.qpos[:] = pose
@@ -178,12 +171,12 @@ class Theirs:
             stage(self.mj, self.data)
         self._arms = moment_arms(self.mj, self.data)
 
-    def of(self, tendon: int, robot: Imported) -> NDArray[np.float64]:
+    def of(self, tendon, robot):
         """Length and moment arms of a tendon."""
         found = robot.by_own_joints(self._arms[tendon, self.mj.jnt_dofadr])
         return np.array([self.data.ten_length[tendon], *found])
 
-    def wraps_without_cutting(self, tendon: int) -> bool:
+    def wraps_without_cutting(self, tendon):
         """Whether it wraps a tendon round a body that the straight strand does not cut."""
         mj, data = self.mj, self.data
         first, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
@@ -207,7 +200,7 @@ class Theirs:
         return False
 
 
-def joint_ranges(mujoco: Any, mj: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def joint_ranges(mujoco, mj):
     """Lower and upper end of every joint's range; ±180° or ±1 m for joints without limits."""
     most = np.where(mj.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE, 1.0, np.pi)
     limited = mj.jnt_limited.astype(bool)
@@ -230,18 +223,18 @@ class Imported:
     weights: NDArray[np.float64]
     """Share of every element in MuJoCo's length."""
 
-    def pose(self, mj: Any, drawn: NDArray[np.float64], qpos: NDArray[np.float64]) -> None:
+    def pose(self, mj, drawn, qpos):
         """Write the angles of its joints, of all that were drawn, into MuJoCo's pose."""
         qpos[mj.jnt_qposadr[self.joints]] = drawn[self.joints]
         for joint, shares, offset in self.coupled:
             qpos[mj.jnt_qposadr[joint]] = offset + shares @ drawn[self.joints]
 
-    def own(self, model: Model, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def own(self, model, drawn):
         """Length and moment arms of one of its models."""
         shape = shape_at(model, drawn[self.joints])
         return np.array([self.weights @ shape.length, *(self.weights @ shape.lever_arm)])
 
-    def by_own_joints(self, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_own_joints(self, slopes):
         """Derivatives by its joints from those by all joints of MuJoCo, of which some follow."""
         found = slopes[self.joints].copy()
         for joint, shares, _ in self.coupled:
@@ -249,20 +242,16 @@ class Imported:
         return found
 
 
-def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> Imported:
+def _one(mujoco, mj, path, tendon):
     """The robot of one tendon, through the text of its file."""
-
-    def label(kind: str, index: int) -> str:
-        found = mujoco.mj_id2name(mj, getattr(mujoco.mjtObj, f"mjOBJ_{kind}"), index)
-        return str(found or f"{kind.lower()}_{index}")
-
+    bodies = Bodies(mujoco, mj)
+    label = bodies.label
     imported = read_mjcf(path, [label("TENDON", tendon)])
     model, thin = (
         prepare(parse_robot(robot_text(one, imported.remarks, path.name)), check_range=False)
         for one in (imported.document, _thinner(imported.document))
     )
-    plain = [re.sub(r"[^A-Za-z0-9_]", "_", label("JOINT", j)) for j in range(mj.njnt)]
-    names = [name if name[:1].isalpha() else f"m_{name}" for name in plain]
+    names = [bodies.name(label("JOINT", j), {}) for j in range(mj.njnt)]
     joints = np.array([names.index(one.name) for one in model.robot.joints], dtype=np.int64)
     branches = [[1.0, 0]]  # divisor, and number of sites and bodies
     first = mj.tendon_adr[tendon]
@@ -291,7 +280,7 @@ def _one(mujoco: Any, mj: Any, path: Path, tendon: int) -> Imported:
     return Imported(model, thin, joints, coupled, np.concatenate(shares))
 
 
-def _thinner(document: Document) -> Document:
+def _thinner(document):
     """The document with thinner bodies."""
     found = deepcopy(document)
     for cable in found["cables"]:
@@ -301,7 +290,7 @@ def _thinner(document: Document) -> Document:
     return found
 
 
-def moment_arms(mj: Any, data: Any) -> NDArray[np.float64]:
+def moment_arms(mj, data):
     """MuJoCo's dense matrix of d length / d velocity, shape (tendons, velocities)."""
     values = np.asarray(data.ten_J)
     if values.size == mj.ntendon * mj.nv:
@@ -313,20 +302,18 @@ def moment_arms(mj: Any, data: Any) -> NDArray[np.float64]:
     return dense
 
 
-def slope_of_length(mujoco: Any, mj: Any, pose: Any, tendon: int, joint: int) -> float:
+def slope_of_length(mujoco, mj, pose, tendon, joint):
     """Derivative of MuJoCo's length of a tendon by a joint, by central differences of order 4."""
-    data = mujoco.MjData(mj)
-    total = 0.0
+    moved, total = Theirs(mujoco, mj), 0.0
     for steps, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
-        data.qpos[:] = pose
-        data.qpos[mj.jnt_qposadr[joint]] += steps * STEP
-        for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
-            stage(mj, data)
-        total += weight * float(data.ten_length[tendon])
+        there = pose.copy()
+        there[mj.jnt_qposadr[joint]] += steps * STEP
+        moved.place(there)
+        total += weight * float(moved.data.ten_length[tendon])
     return total / (12.0 * STEP)
 
 
-def main() -> int:
+def main():
     """Print a table, and return 1 where a model disagrees."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)

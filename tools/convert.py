@@ -49,8 +49,6 @@ fills three or four rows: what differs by more than 1.5 N from the median of the
 it is left out, and counted in what the program prints.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json
@@ -59,7 +57,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from cdrj_ros.foundation.errors import BagError, CdrjError
@@ -87,12 +84,12 @@ MISREADING = 1.5
 """Difference from the median of NEIGHBOURS rows [N]."""
 
 
-def davinci_runs(folder: Path) -> list[Path]:
+def davinci_runs(folder):
     """All runs of a folder."""
     return sorted(path for path in folder.glob("*.TXT") if path.stem.isdigit())
 
 
-def read_davinci(path: Path) -> NDArray[np.float64]:
+def read_davinci(path):
     """Rows of a run, shape (n, COLUMNS).
 
     Raises:
@@ -109,7 +106,7 @@ def read_davinci(path: Path) -> NDArray[np.float64]:
     return rows
 
 
-def convert_davinci(run: Path, out: Path) -> str:
+def convert_davinci(run, out):
     """Write the bag of one run; returns what it holds."""
     rows = read_davinci(run)
     stamps = BEGIN_NS + np.round(rows[:, TIME] * 1e9).astype(np.int64)
@@ -122,12 +119,12 @@ def convert_davinci(run: Path, out: Path) -> str:
     return str(bag.path)
 
 
-def continuum_runs(folder: Path) -> list[Path]:
+def continuum_runs(folder):
     """All runs below a folder."""
     return sorted(one for one in folder.rglob("data_*.csv") if "_LPF_" not in one.name)
 
 
-def convert_continuum(data: Path, out: Path) -> str:
+def convert_continuum(data, out):
     """Write the bag of one `data_NAME.csv` and the joint angles beside it; returns what it holds.
 
     Raises:
@@ -176,7 +173,7 @@ SOURCES = {
 """How the runs of a source are found, and converted."""
 
 
-def main() -> int:
+def main():
     """Convert every run of the folders; exit code 2 where one cannot be read."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("source", choices=SOURCES)

@@ -8,12 +8,11 @@ A column of pictures a recording, a row a channel; `--over angle` draws loops.
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 
-from cdrj_ros.evaluation.channels import Channel, unit_of
+from cdrj_ros.evaluation.channels import unit_of
 from cdrj_ros.evaluation.validation import validate_bag
 from cdrj_ros.model.prepared import load_model
 from cdrj_ros.recordings.recording import Topics
@@ -28,7 +27,7 @@ LOOPS_FROM = 0.25
 """Share of a recording before which loops are not drawn: the friction history is not yet known."""
 
 
-def draw(axes: Any, channel: Channel, over: str, until_s: float) -> None:
+def draw(axes, channel, over, until_s):
     """Reference and estimate; over time with twice its standard deviation, else over the angle."""
     time = (channel.stamp_ns - channel.stamp_ns[0]) * 1e-9
     x, kept = time, time <= until_s
@@ -47,7 +46,7 @@ def draw(axes: Any, channel: Channel, over: str, until_s: float) -> None:
         axes.set_ylim(reference.min() - margin, reference.max() + margin)
 
 
-def main() -> None:
+def main():
     """Draw one picture."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

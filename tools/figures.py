@@ -9,8 +9,6 @@
   while they grip.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -18,11 +16,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -80,7 +76,7 @@ CLOSE = "document.querySelectorAll('.mantine-Notification-closeButton').forEach(
 """Closes the notice that the browser renders in software."""
 
 
-def readme_with(text: str, channels: dict[str, Any]) -> str:
+def readme_with(text, channels):
     """README.md with the errors of the demonstration.
 
     Raises:
@@ -101,14 +97,14 @@ def readme_with(text: str, channels: dict[str, Any]) -> str:
     return text
 
 
-def known() -> str:
+def known():
     """The robot that has positions, with the standard deviations of the one that has none."""
     robots = ROOT / "config" / "robots"
     _, _, stated = (robots / "prototype.yaml").read_text().partition("\nuncertainty:")
     return (robots / "prototype_positions.yaml").read_text() + "\nuncertainty:" + stated
 
 
-def record_wrist(bag: Path) -> str:
+def record_wrist(bag):
     """Write a bag of the wrist: it pitches, and its jaws close on something; returns its file."""
     robot = exact_copy(robot_path("wrist"), bag.parent)
     model = cdrj.load(robot)
@@ -130,7 +126,7 @@ def record_wrist(bag: Path) -> str:
 
 
 @contextmanager
-def shown(folder: Path, bag: Path, robot: str) -> Iterator[str]:
+def shown(folder, bag, robot):
     """Run `view` on a bag; yields the page's address, where the recording is paused."""
     command = [sys.executable, "-m", "cdrj_ros.commands.view", str(bag), "--robot", robot]
     process = subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True)
@@ -148,7 +144,7 @@ def shown(folder: Path, bag: Path, robot: str) -> Iterator[str]:
         process.wait()
 
 
-def wait_for(browser: Any, condition: str) -> None:
+def wait_for(browser, condition):
     """Repeat a script until it returns true."""
     until = time.monotonic() + LOADED_S
     while not browser.execute_script(condition):
@@ -158,7 +154,7 @@ def wait_for(browser: Any, condition: str) -> None:
 
 
 @contextmanager
-def browsing(profile: Path, address: str, size: tuple[int, int]) -> Iterator[Any]:
+def browsing(profile, address, size):
     """A browser that shows a page in a window of the given size [px]."""
     width, height = size
     inner = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < height}
@@ -168,7 +164,7 @@ def browsing(profile: Path, address: str, size: tuple[int, int]) -> Iterator[Any
         yield browser
 
 
-def picture(profile: Path, address: str, size: tuple[int, int], path: Path) -> None:
+def picture(profile, address, size, path):
     """Take a picture of a page that no longer changes."""
     from PIL import Image
 
@@ -181,7 +177,7 @@ def picture(profile: Path, address: str, size: tuple[int, int], path: Path) -> N
     print(path.relative_to(ROOT))
 
 
-def animate(profile: Path, address: str, path: Path) -> None:
+def animate(profile, address, path):
     """Step the time line of the page through one period and join the pictures."""
     from PIL import Image
     from selenium.webdriver.common.keys import Keys
@@ -208,7 +204,7 @@ def animate(profile: Path, address: str, path: Path) -> None:
     print(path.relative_to(ROOT))
 
 
-def picture_pages(work: Path) -> None:
+def picture_pages(work):
     """Take the pictures of the report and of `view`."""
     report = work / "report.html"
     page = (ROOT / "report.html").read_text(encoding="utf-8")
@@ -223,12 +219,12 @@ def picture_pages(work: Path) -> None:
         animate(work / "moving", address, FIGURES / "wrist.gif")
 
 
-def run(*command: object) -> None:
+def run(*command):
     """Run one of the project's programs; raise an error if it fails."""
     subprocess.run([str(part) for part in command], cwd=ROOT, check=True)
 
 
-def main() -> None:
+def main():
     """Renew everything."""
     run(sys.executable, ROOT / "tools" / "demo.py")
     channels = json.loads(MEASURED.read_text(encoding="utf-8"))["channels"]

@@ -22,6 +22,7 @@ from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.drives import Drives, checked_command, drive_limits, follow_joints
 from cdrj_ros.simulation.live import LiveRig, LiveSettings
 from cdrj_ros.simulation.load import make_load, usual_load
+from cdrj_ros.simulation.motion import differences
 from cdrj_ros.simulation.sensors import SensorSettings, encoder_groups, truth_table
 
 DT = 1e-3  # [s]
@@ -124,9 +125,7 @@ def limiter(seconds=5.0, limit=60.0):
 def smooth_target(time_s, amplitude=0.4, frequency_hz=0.4):
     """A sine that starts from rest: angle [rad], speed [rad/s] and acceleration [rad/s^2]."""
     grown = amplitude * (1.0 - np.exp(-((time_s / 0.5) ** 3)))
-    angle = grown * np.sin(2.0 * np.pi * frequency_hz * time_s)
-    speed = np.gradient(angle, DT)
-    return angle, speed, np.gradient(speed, DT)
+    return differences(time_s, grown * np.sin(2.0 * np.pi * frequency_hz * time_s))
 
 
 def feedforward(seconds=6.0):

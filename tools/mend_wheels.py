@@ -17,13 +17,13 @@ PYTHON_HEADERS = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
 NUMPY_HEADERS = re.compile(r"/opt/python/cp3\d+-cp3\d+/[^;\"]*/numpy/(_core|core)/include")
 
 
-def mend(text: str) -> str:
+def mend(text):
     """Replace the include folders of the build machine by those of this environment."""
     text = NUMPY_HEADERS.sub(lambda _: np.get_include(), text)
     return PYTHON_HEADERS.sub(lambda _: sysconfig.get_path("include"), text)
 
 
-def main() -> None:
+def main():
     """Mend the files below share/ of the current environment."""
     for path in Path(sys.prefix, "share").glob("*/cmake/*Export.cmake"):
         text = path.read_text()

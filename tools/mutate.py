@@ -20,7 +20,6 @@ import shutil
 import subprocess
 import sys
 import tokenize
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,13 +68,13 @@ class Mutant(NamedTuple):
     new: str
     text: str  # of the line
 
-    def rank(self, seed: int) -> str:
+    def rank(self, seed):
         """Order of choice, which does not depend on other lines or the name of the file."""
         key = f"{seed} {self.text.strip()} {self.text[: self.column].strip()} {self.new}"
         return hashlib.sha256(key.encode()).hexdigest()
 
 
-def without_texts(source: str, suffix: str) -> str:
+def without_texts(source, suffix):
     """Blank comments, strings and directives; every other character keeps its position."""
     blank = re.compile(r"[^\n]")
     if suffix != ".py":
@@ -92,7 +91,7 @@ def without_texts(source: str, suffix: str) -> str:
     return "\n".join(lines)
 
 
-def replacements(match: re.Match[str]) -> list[str]:
+def replacements(match):
     """List what may stand in place of a token."""
     old, kind = match[0], match.lastgroup
     if match["number"]:
@@ -103,7 +102,7 @@ def replacements(match: re.Match[str]) -> list[str]:
     return [""] if match["sign"] else [WORDS[old]]
 
 
-def mutants(tree: Path) -> Iterator[Mutant]:
+def mutants(tree):
     """Find all mutants of all sources."""
     for path in sorted(tree.glob("cdrj_ros/**/*.*pp")) + sorted(tree.glob("cdrj_ros/**/*.py")):
         file = str(path.relative_to(tree))
@@ -117,7 +116,7 @@ def mutants(tree: Path) -> Iterator[Mutant]:
                     yield Mutant(file, number, match.start(), match[0], new, text)
 
 
-def chosen(tree: Path, seed: int, only: str) -> Iterator[Mutant]:
+def chosen(tree, seed, only):
     """Yield mutants in the order of choice, one per line."""
     seen = set()
     for mutant in sorted(mutants(tree), key=lambda one: one.rank(seed)):
@@ -126,14 +125,14 @@ def chosen(tree: Path, seed: int, only: str) -> Iterator[Mutant]:
             yield mutant
 
 
-def copy_tree(to: Path) -> None:
+def copy_tree(to):
     """Copy what git tracks."""
     for name in subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines():
         (to / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, to / name, follow_symlinks=False)
 
 
-def run(tree: Path, *command: str) -> tuple[int, str]:
+def run(tree, *command):
     """Run Python in the copy; return exit code and output."""
     paths = f"{tree}:{os.environ.get('PYTHONPATH', '')}"
     env = os.environ | {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
@@ -144,7 +143,7 @@ def run(tree: Path, *command: str) -> tuple[int, str]:
     return ended.returncode, ended.stdout.decode()
 
 
-def killer(tree: Path, tests: str) -> str:
+def killer(tree, tests):
     """The first test that fails, or how the tests end otherwise; "" if they pass."""
     try:
         code, output = run(tree, "-m", "pytest", "-qx", "-p", "no:cacheprovider", *tests.split())
@@ -156,7 +155,7 @@ def killer(tree: Path, tests: str) -> str:
     return failed[0] if failed else "" if code == 0 else f"ended by signal {-code}"
 
 
-def test(tree: Path, mutant: Mutant) -> str | None:
+def test(tree, mutant):
     """Return the test that kills a mutant, "" if none does, or None if it cannot be built."""
     path = tree / mutant.file
     source = path.read_text(encoding="utf-8")
@@ -175,7 +174,7 @@ def test(tree: Path, mutant: Mutant) -> str | None:
             run(tree, *BUILD)
 
 
-def main() -> None:
+def main():
     """Test mutants one after the other, and print the share that was killed."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--count", type=int, default=200, help="number of mutants")

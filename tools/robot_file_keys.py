@@ -4,12 +4,8 @@
 python tools/robot_file_keys.py
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from cdrj_ros.robot.document import schema, whole
 
@@ -51,7 +47,7 @@ UNIT = re.compile(r"\s*\[([^\]]+)\]")
 DEFAULT = re.compile(r"\s*Default:? (.+?)\.(?=\s|$)")
 
 
-def reference() -> str:
+def reference():
     """All tables, as Markdown."""
     document = schema()
     definitions = document["$defs"]
@@ -69,15 +65,15 @@ def reference() -> str:
     return "\n".join(parts)
 
 
-def updated(text: str) -> str:
+def updated(text):
     """The document with the tables of the current schema between its markers."""
     begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
     return f"{text[:begin]}\n\n{reference()}\n{text[end:]}"
 
 
-def _table(title: str, parts: Mapping[str, Mapping[str, Any]]) -> str:
+def _table(title, parts):
     """One table; of several parts, with a column of those that have the key with one meaning."""
-    owners: dict[tuple[str, ...], list[str]] = {}
+    owners = {}
     for name, part in parts.items():
         for key, given in part["properties"].items():
             if key != "type" or len(parts) == 1:
@@ -97,7 +93,7 @@ def _table(title: str, parts: Mapping[str, Mapping[str, Any]]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _cells(key: str, given: Mapping[str, Any], required: bool) -> tuple[str, ...]:
+def _cells(key, given, required):
     """Key, value, default and meaning."""
     rule = _resolved(given)
     meaning, unit, default = _described(rule.get("description", ""))
@@ -109,7 +105,7 @@ def _cells(key: str, given: Mapping[str, Any], required: bool) -> tuple[str, ...
     return f"`{key}`", value, "required" if required else default, meaning
 
 
-def _resolved(rule: Mapping[str, Any]) -> Mapping[str, Any]:
+def _resolved(rule):
     """A rule merged with its referenced definition; keys beside the reference take precedence."""
     if "$ref" not in rule:
         return rule
@@ -117,7 +113,7 @@ def _resolved(rule: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**schema()["$defs"][name], **rule, "part": name}
 
 
-def _described(text: str) -> tuple[str, str, str]:
+def _described(text):
     """Meaning, unit and default from a description "Meaning [unit]. Default value."."""
     default = ""
     if found := DEFAULT.search(text):
@@ -129,7 +125,7 @@ def _described(text: str) -> tuple[str, str, str]:
     return text.strip(), ", ".join(units).replace("-", "\N{EN DASH}"), default
 
 
-def _type(rule: Mapping[str, Any]) -> str:
+def _type(rule):
     part = rule.get("part", "")
     if part in PARTS:
         return PARTS[part]
@@ -148,7 +144,7 @@ def _type(rule: Mapping[str, Any]) -> str:
     )
 
 
-def _allowed(rule: Mapping[str, Any]) -> str:
+def _allowed(rule):
     if "const" in rule:
         return f"`{rule['const']}`"
     if "enum" in rule:

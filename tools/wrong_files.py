@@ -13,13 +13,12 @@ The motor's effort has a noise of 10 mN m, the load cells at both elements 8 of 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from cdrj_ros._core import mark_unsure
@@ -29,7 +28,7 @@ from cdrj_ros.estimation.estimator import NO_DOUBTS, Sample, Samples, initial_st
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
 from cdrj_ros.model.packing import OK
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.parameters import matching_paths, number_at, with_numbers
 from cdrj_ros.robot.reader import build_robot
@@ -39,8 +38,6 @@ from cdrj_ros.simulation.motion import differences, random
 from cdrj_ros.simulation.truth import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
-
-Table = NDArray[np.float64]
 
 ROBOT = str(ROOT / "config" / "robots" / "prototype.yaml")
 BAG = str(ROOT / "bags" / "prototype_preload_36_26")
@@ -54,7 +51,7 @@ LAST = slice(7, None, 8)
 """Element 8 of both cables."""
 TARED = ("motors.winch.reference_angle", "joints.elbow.reference_angle")
 PRELOADS = ("cables.upper.preload", "cables.lower.preload")
-SENSORS: Final = (("effort",), ("cells",), ("effort", "cells"))
+SENSORS = (("effort",), ("cells",), ("effort", "cells"))
 
 
 @dataclass(frozen=True)
@@ -119,9 +116,9 @@ HEARD = (
 class Truth(NamedTuple):
     """What the real machine does."""
 
-    tension: Table
+    tension: np.ndarray
     """Of all elements [N], shape (n, elements)."""
-    effort: Table
+    effort: np.ndarray
     """Of the motor [N m], shape (n, 1)."""
 
 
@@ -140,7 +137,7 @@ class Outcome(NamedTuple):
     """Share of tensions with status OK that lie outside two standard deviations."""
 
 
-def true_motion(model: Model, seconds: float) -> Samples:
+def true_motion(model, seconds):
     """Motion of the sample bag without the noise of its sensors."""
     samples = condition_recording(model, read_inputs(BAG, Topics(), model)).segments[0]
     recorded = (samples.stamp_ns - samples.stamp_ns[0]) * 1e-9
@@ -152,9 +149,9 @@ def true_motion(model: Model, seconds: float) -> Samples:
     return Samples(1_000_000_000 + np.round(time * 1e9).astype(np.int64), *angles)
 
 
-def reality(model: Model, wrong: Wrong) -> Any:
+def reality(model, wrong):
     """The robot with its true numbers."""
-    document: Any = model.robot.document
+    document = model.robot.document
     values = {}
     for pattern, change in {**wrong.factors, **wrong.shifts}.items():
         for path in (path for group in matching_paths(document, pattern) for path in group):
@@ -169,7 +166,7 @@ def reality(model: Model, wrong: Wrong) -> Any:
     return build_robot(with_numbers(document, values), "reality")
 
 
-def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
+def true_readings(model, wrong, motion):
     """Tensions and effort of the real machine with contact cells."""
     fine = prepare(divide_contacts(reality(model, wrong), CELLS))
     slipping = np.full(len(fine.robot.cables), wrong.forgets)
@@ -177,7 +174,7 @@ def true_readings(model: Model, wrong: Wrong, motion: Samples) -> Truth:
     return Truth(estimates.tension, estimates.motor_effort)
 
 
-def readings(model: Model, motion: Samples, zero: float) -> Samples:
+def readings(model, motion, zero):
     """Encoder readings of a motion; ``zero`` is the error of the joint's reading [rad]."""
     columns = []
     for axis, angle, error in zip(
@@ -188,7 +185,7 @@ def readings(model: Model, motion: Samples, zero: float) -> Samples:
     return Samples(motion.stamp_ns, columns[0], columns[1])
 
 
-def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
+def outcome(model, known, read, true):
     """Estimate from the readings and compare with the truth."""
     ensemble = Ensemble(model, known=known)
     estimates = ensemble.follow(read, run(model, initial_state(model), read)[1])
@@ -208,19 +205,19 @@ def outcome(model: Model, known: Any, read: Samples, true: Table) -> Outcome:
     )
 
 
-def fresh_model(model: Model) -> Model:
+def fresh_model(model):
     """The robot without the uncertainty that its file states."""
-    document: Any = {k: v for k, v in model.robot.document.items() if k != "uncertainty"}
+    document = {k: v for k, v in model.robot.document.items() if k != "uncertainty"}
     return prepare(build_robot(document, model.robot.source))
 
 
-def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
+def row(wrong, motion):
     """Figures of a fresh file, of a tared one, of one with preloads set too, of an exact one."""
     exact = load_model(ROBOT)
     model = fresh_model(exact)
     true = true_readings(model, wrong, motion).tension
     read = readings(model, motion, wrong.zero)
-    document: Any = model.robot.document
+    document = model.robot.document
     tared = dict.fromkeys(TARED, 0.0)
     at_rest = Samples(read.stamp_ns, read.motor_angle, read.joint_angle - wrong.zero)
     preloads = {path: number_at(document, path) for path in PRELOADS}
@@ -236,7 +233,7 @@ def row(wrong: Wrong, motion: Samples) -> list[Outcome]:
     ]
 
 
-def sensed(model: Model, wrong: Wrong, true: Truth, motion: Samples) -> Truth:
+def sensed(model, wrong, true, motion):
     """Readings of the motor's effort and of all elements' tensions, without noise."""
     tension, effort = true.tension.copy(), true.effort
     if wrong.broken:
@@ -260,7 +257,7 @@ class Heard(NamedTuple):
     """Times [s] and words of verdicts, as they change; empty words where one is taken back."""
 
 
-def heard(model: Model, read: Samples, sensed: Truth, sensors: Sequence[str]) -> Heard:
+def heard(model, read, sensed, sensors):
     """Estimate as the node does, and compare with the truth.
 
     Args:
@@ -295,7 +292,7 @@ def heard(model: Model, read: Samples, sensed: Truth, sensors: Sequence[str]) ->
     return Heard(float(good.mean()), misleading, verdicts[1:])
 
 
-def print_stated(motion: Samples) -> None:
+def print_stated(motion):
     """Print the table of what the file states."""
     print("| wrong | error of element 8 / all | fresh | tared | preload set too | others: exact |")
     print("|---|---|---|---|---|---|")
@@ -306,7 +303,7 @@ def print_stated(motion: Samples) -> None:
               f"{' | '.join(cells)} |", flush=True)  # fmt: skip
 
 
-def print_heard(motion: Samples) -> None:
+def print_heard(motion):
     """Print first and last verdicts, and what the status says in the last third."""
     exact = load_model(ROBOT)
     print("| wrong | sensors | OK | OK beyond 2 sigma | first verdict [s] | last verdict |")
@@ -322,7 +319,7 @@ def print_heard(motion: Samples) -> None:
                   flush=True)  # fmt: skip
 
 
-def count_alarms(hours: float, seeds: int = 6) -> None:
+def count_alarms(hours, seeds=6):
     """Print the verdicts over random motions with a right file."""
     model = load_model(ROBOT)
     for seed in range(seeds):
@@ -337,7 +334,7 @@ def count_alarms(hours: float, seeds: int = 6) -> None:
             print(f"seed {seed}, {' and '.join(sensors)}: {one.verdicts}", flush=True)
 
 
-def main() -> None:
+def main():
     """Print one of the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter

@@ -1,7 +1,5 @@
 """Units, signs and factors of angles, by what cables say of them, (C15), in small cases."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -34,8 +32,6 @@ uncertainty: {others: exact}
 """
 """Both cables take 100 N/rad of both axes; 6 rad of the joint would take 600 N of 100 N."""
 SHARE = 100.0 / 600.0
-
-Angle = Callable[[float], float]
 
 
 class Moved:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 STEP = 1e-100
 """Imaginary step of a derivative; its square vanishes."""

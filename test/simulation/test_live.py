@@ -1,7 +1,5 @@
 """The live rig: bit identity with ``swing``, laws of its motors, and recovery from failures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.energy import energy

@@ -6,44 +6,40 @@ whose numbers differ from the file's as the file's standard deviations allow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from cdrj_ros.estimation.changes import with_other_numbers
-from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
-from cdrj_ros.foundation.arrays import Stamps, Table, Vector
+from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.parameters import number_at
 from cdrj_ros.simulation import motion
 from cdrj_ros.simulation.load import make_load
-from cdrj_ros.simulation.truth import Truth, simulate
+from cdrj_ros.simulation.truth import simulate
 
 How = Literal["freezes", "is stuck", "is off", "is wild", "drifts", "scales"]
 Axis = Literal["winch", "elbow"]
 Mode = Literal["wait", "predict"]
 
-START: Final = 1_700_000_000 * 10**9
-MS: Final = 1_000_000
-SECOND: Final = 1_000_000_000
-CELLS: Final = 16
+START = 1_700_000_000 * 10**9
+MS = 1_000_000
+SECOND = 1_000_000_000
+CELLS = 16
 """Contact cells of every pulley of the rig."""
-CELL: Final = "upper/8"
-EFFORT: Final = "winch"
-NOISE: Final = {CELL: 0.05, EFFORT: 0.005}
+CELL = "upper/8"
+EFFORT = "winch"
+NOISE = {CELL: 0.05, EFFORT: 0.005}
 """Standard deviations of the readings of the cell [N] and of the effort [N m]."""
-SMALLEST: Final = 1e-3
+SMALLEST = 1e-3
 """Lower bound of standard deviations; smaller ones are rounding errors [N]."""
-WINCH_SPEED: Final = 10.0
+WINCH_SPEED = 10.0
 """Greatest speed of a winch that balances a load [rad/s]."""
-FASTEST: Final = 2.5
+FASTEST = 2.5
 """Greatest speed of the joint [rad/s]."""
 
 
@@ -60,14 +56,14 @@ class Course(NamedTuple):
     """Of the motors [N m], shape (n, motors)."""
 
     @property
-    def duration_ns(self) -> int:
+    def duration_ns(self):
         return len(self.angle) * MS
 
-    def until(self, end_ns: int) -> Course:
+    def until(self, end_ns):
         return Course(self.names, *(values[: end_ns // MS] for values in self[1:]))
 
 
-def at(stamps: Stamps, values: Vector) -> Vector:
+def at(stamps, values):
     """A column of the truth at stamps [ns] since the start."""
     return np.interp(stamps, MS * np.arange(len(values)), values)
 
@@ -123,12 +119,12 @@ class Faults:
     """Interval of the readings of the load cell and of the effort [ns]."""
     mode: Mode = "wait"
 
-    def words(self) -> str:
+    def words(self):
         """Description of the faults for the message of a failed test."""
         return ", ".join(f"{k}={v}" for k, v in vars(self).items() if v != getattr(Faults(), k))
 
 
-def quarter_rate() -> dict[str, int]:
+def quarter_rate():
     """Periods of readings at 250 Hz [ns], for laws that hold at any rate, in less time."""
     return {"winch": 4 * MS, "elbow": 4 * MS}
 
@@ -136,19 +132,12 @@ def quarter_rate() -> dict[str, int]:
 # --- the truth ------------------------------------------------------------------------------------
 
 
-def sine(hertz: float, amplitude: float = 0.6) -> motion.Motion:
+def sine(hertz, amplitude=0.6):
     """A sinusoid of the joint within its speed."""
     return motion.sine(min(amplitude, FASTEST / (2.0 * np.pi * hertz)), hertz)
 
 
-def course_of(
-    model: Model,
-    seconds: float,
-    moves: Callable[[Vector], Table],
-    *,
-    load: float = 0.0,
-    seed: int | None = None,
-) -> Course:
+def course_of(model, seconds, moves, *, load=0.0, seed=None):
     """What happens in the rig.
 
     Args:
@@ -169,14 +158,14 @@ def course_of(
     )
 
 
-def recorded(model: Model, truth: Truth) -> Course:
+def recorded(model, truth):
     """A simulation at 1 kHz as a course."""
     names = tuple(axis.name for axis in model.robot.axes)
     angle = np.hstack([truth.motor_angle, truth.joint_angle])
     return Course(names, angle, truth.tension, truth.motor_effort)
 
 
-def _other(model: Model, seed: int) -> Model:
+def _other(model, seed):
     """A robot whose numbers differ from the file's as its standard deviations allow."""
     known, document = model.robot.uncertainty, dict(model.robot.document)
     generator = np.random.default_rng([seed, 1])
@@ -204,7 +193,7 @@ class Message(NamedTuple):
     value: float
 
 
-def _stamps_of(course: Course, faults: Faults, name: str, generator: np.random.Generator) -> Stamps:
+def _stamps_of(course, faults, name, generator):
     """Times of the readings that arrive [ns]."""
     period = faults.period_ns.get(name, faults.cell_ns)
     first = faults.phase_ns % period if name in faults.period_ns else 0
@@ -221,9 +210,9 @@ def _stamps_of(course: Course, faults: Faults, name: str, generator: np.random.G
 
 
 def _angles(
-    model: Model, course: Course, faults: Faults, name: str, stamps: Stamps,
-    generator: np.random.Generator,
-) -> Vector:  # fmt: skip
+    model, course, faults, name, stamps,
+    generator
+):  # fmt: skip
     """Readings of an axis [rad]."""
     older = stamps - faults.older_ns.get(name, 0)
     values = at(older, course.angle[:, course.names.index(name)])
@@ -242,9 +231,7 @@ def _angles(
     return values
 
 
-def _measured(
-    course: Course, faults: Faults, name: str, stamps: Stamps, generator: np.random.Generator
-) -> Vector:
+def _measured(course, faults, name, stamps, generator):
     """Readings of a load cell [N] or of an effort [N m]."""
     true = at(stamps, course.effort[:, 0] if name == EFFORT else course.tension[:, 7])
     values = true + generator.normal(0.0, NOISE[name], stamps.size)
@@ -265,10 +252,10 @@ def _measured(
     return np.where(lying, said, values)
 
 
-def _messages(model: Model, course: Course, faults: Faults) -> list[Message]:
+def _messages(model, course, faults):
     """All messages in the order of their arrival."""
     generator = np.random.default_rng(7)
-    messages: list[Message] = []
+    messages = []
     for order, name in enumerate((*faults.sensors, "winch", "elbow")):
         is_sensor = order < len(faults.sensors)
         stamps = _stamps_of(course, faults, "" if is_sensor else name, generator)
@@ -294,14 +281,7 @@ def _messages(model: Model, course: Course, faults: Faults) -> list[Message]:
 # --- runs -----------------------------------------------------------------------------------------
 
 
-def run(
-    model: Model,
-    course: Course,
-    faults: Faults,
-    options: Options | None = None,
-    scratch: Path | None = None,
-    watch: Callable[[LiveEstimator], object] | None = None,
-) -> list[Estimate]:
+def run(model, course, faults, options=None, scratch=None, watch=None):
     """Feed the readings of the course with their faults.
 
     Args:
@@ -338,7 +318,7 @@ def run(
     return outputs
 
 
-def _feed(live: LiveEstimator, message: Message) -> list[Estimate]:
+def _feed(live, message):
     stamp, value = START + message.stamp_ns, (message.value,)
     if message.name == CELL:
         live.feed_tensions(stamp, (CELL,), value, (NOISE[CELL],))
@@ -350,7 +330,7 @@ def _feed(live: LiveEstimator, message: Message) -> list[Estimate]:
     return live.feed(kind, stamp, (message.name,), value)[1]
 
 
-def _moved(output: Estimate, by: int) -> Estimate:
+def _moved(output, by):
     """The output with its stamp converted back to the course's clock."""
     return replace(output, stamp_ns=output.stamp_ns - by)
 
@@ -366,14 +346,12 @@ class Verdict:
     judged: int
     """Number of elements times samples of any status."""
 
-    def beyond(self, sigmas: float) -> float:
+    def beyond(self, sigmas):
         """Share of the estimates with status 0 whose error exceeds ``sigmas`` deviations [-]."""
         return float(np.mean(self.ratio > sigmas)) if self.ratio.size else 0.0
 
 
-def judge(
-    course: Course, outputs: Sequence[Estimate], begin_ns: int = 0, end_ns: int | None = None
-) -> Verdict:
+def judge(course, outputs, begin_ns=0, end_ns=None):
     """Judge the estimates whose stamps lie between two times since the start [ns]."""
     end = START + (course.duration_ns if end_ns is None else end_ns)
     inside = [o for o in outputs if START + begin_ns <= o.stamp_ns < end]

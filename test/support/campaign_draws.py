@@ -1,11 +1,7 @@
 """Random faults, one of each kind or several together, and the motions in which they happen."""
 
-from collections.abc import Callable, Mapping
-from typing import Final
-
 import numpy as np
 
-from cdrj_ros.model.prepared import Model
 from cdrj_ros.simulation import motion
 from support.campaign import (
     CELL,
@@ -13,26 +9,21 @@ from support.campaign import (
     FASTEST,
     MS,
     SECOND,
-    Axis,
-    Course,
     Faults,
-    How,
     Lie,
     course_of,
     sine,
 )
 
-SECONDS: Final = 16.0
+SECONDS = 16.0
 """Duration of a run [s]."""
-COURSES: Final = 20
+COURSES = 20
 """Number of different courses."""
-SEEN: Final[dict[Axis, int]] = {"winch": 20 * MS, "elbow": 20 * MS}
+SEEN = {"winch": 20 * MS, "elbow": 20 * MS}
 """Longest periods of axes whose encoder slips [ns]."""
 
-Draw = Callable[[Faults, np.random.Generator], None]
 
-
-def course(model: Model, index: int) -> Course:
+def course(model, index):
     """One of ``COURSES`` courses: sinusoids of 0.05 to 3 Hz, mixtures, ramps and dwells."""
     generator = np.random.default_rng([index, 5])
     hertz = 0.05 * 60.0 ** ((index % 10) / 9.0)
@@ -47,70 +38,70 @@ def course(model: Model, index: int) -> Course:
     return course_of(model, SECONDS, moves, load=load, seed=index)
 
 
-def _time(generator: np.random.Generator) -> int:
+def _time(generator):
     """Random time between 35 % and 80 % of the run [ns]."""
     return int(generator.uniform(0.35, 0.8) * SECONDS * SECOND)
 
 
-def _size(generator: np.random.Generator, least: float, most: float) -> float:
+def _size(generator, least, most):
     """A size of either sign, as often in every decade."""
     size = np.exp(generator.uniform(np.log(least), np.log(most)))
     return float(generator.choice((-1.0, 1.0)) * size)
 
 
-def _axes(generator: np.random.Generator) -> tuple[Axis, ...]:
-    both: tuple[tuple[Axis, ...], ...] = (("winch",), ("elbow",), ("winch", "elbow"))
+def _axes(generator):
+    both = (("winch",), ("elbow",), ("winch", "elbow"))
     return both[generator.integers(0, 3)]
 
 
-def _gap(faults: Faults, generator: np.random.Generator) -> None:
+def _gap(faults, generator):
     for _ in range(int(generator.integers(1, 4))):
         begin = _time(generator)
         end = begin + int(10.0 ** generator.uniform(-1.5, 0.3) * SECOND)
         faults.gaps += [(axis, begin, end) for axis in _axes(generator)]
 
 
-def _slow(faults: Faults, generator: np.random.Generator) -> None:
+def _slow(faults, generator):
     period = int(SECOND / 10.0 ** generator.uniform(-0.3, 2.3))
     for axis in _axes(generator):
         faults.period_ns[axis] = period
     faults.phase_ns = int(generator.uniform(0.0, 1.0) * period)
 
 
-def _lost(faults: Faults, generator: np.random.Generator) -> None:
+def _lost(faults, generator):
     for axis in _axes(generator):
         faults.lost[axis] = float(generator.uniform(0.5, 0.9))
 
 
-def _late(faults: Faults, generator: np.random.Generator) -> None:
+def _late(faults, generator):
     axis = ("winch", "elbow")[generator.integers(0, 2)]
     faults.late_ns[axis] = int(10.0 ** generator.uniform(-3.0, 0.5) * SECOND)
 
 
-def _predict(draw: Draw) -> Draw:
-    def drawn(faults: Faults, generator: np.random.Generator) -> None:
+def _predict(draw):
+    def drawn(faults, generator):
         draw(faults, generator)
         faults.mode = "predict"
 
     return drawn
 
 
-def _a_little_late(faults: Faults, generator: np.random.Generator) -> None:
+def _a_little_late(faults, generator):
     faults.late_ns["elbow"] = int(generator.uniform(2.0, 25.0) * MS)
 
 
-def _slip(axis: Axis) -> Draw:
+def _slip(axis):
     half_a_count = {"winch": 3.8e-5, "elbow": 1.9e-4}[axis]
 
-    def drawn(faults: Faults, generator: np.random.Generator) -> None:
+    def drawn(faults, generator):
         most = 2.0 * np.pi if axis == "winch" else 0.5
         faults.slips.append((axis, _time(generator), _size(generator, half_a_count, most)))
 
     return drawn
 
 
-def _slip_in_a_restart(axis: Axis) -> Draw:
-    def drawn(faults: Faults, generator: np.random.Generator) -> None:
+def _slip_in_a_restart(axis):
+    def drawn(faults, generator):
         _restart(faults, generator)
         at = faults.restart_ns + faults.stop_ns // 2
         faults.slips.append((axis, at, _size(generator, 1e-3, 1.0 if axis == "winch" else 0.3)))
@@ -118,56 +109,56 @@ def _slip_in_a_restart(axis: Axis) -> Draw:
     return drawn
 
 
-def _wrong(faults: Faults, generator: np.random.Generator) -> None:
+def _wrong(faults, generator):
     axis = ("winch", "elbow")[generator.integers(0, 2)]
     faults.wrong[axis] = float(generator.uniform(1e-3, 1e-2)), _size(generator, 1e-3, 0.3)
 
 
-def _second(faults: Faults, generator: np.random.Generator) -> None:
+def _second(faults, generator):
     axis = ("winch", "elbow")[generator.integers(0, 2)]
     faults.second[axis] = _size(generator, 1e-3, 0.3)
 
 
-def _clock_offset(faults: Faults, generator: np.random.Generator) -> None:
+def _clock_offset(faults, generator):
     faults.clocks["elbow"] = int(_size(generator, 1.0, 20.0) * MS), 0.0
 
 
-def _clock_creep(faults: Faults, generator: np.random.Generator) -> None:
+def _clock_creep(faults, generator):
     faults.clocks["elbow"] = 0, _size(generator, 3e-5, 1e-3)
 
 
-def _wrap(faults: Faults, _generator: np.random.Generator) -> None:
+def _wrap(faults, _generator):
     faults.wrap = True
 
 
-def _tare(faults: Faults, generator: np.random.Generator) -> None:
+def _tare(faults, generator):
     faults.tare_ns = _time(generator)
 
 
-def _restart(faults: Faults, generator: np.random.Generator) -> None:
+def _restart(faults, generator):
     faults.restart_ns = _time(generator)
     faults.stop_ns = int(10.0 ** generator.uniform(-2.0, 0.5) * SECOND)
 
 
-def _clock(faults: Faults, generator: np.random.Generator) -> None:
+def _clock(faults, generator):
     by = int(generator.choice((-3600, -5, 5, 3600))) * SECOND
     faults.clock_ns = _time(generator), by
 
 
-def _sensors(*names: str) -> Draw:
-    def drawn(faults: Faults, _generator: np.random.Generator) -> None:
+def _sensors(*names):
+    def drawn(faults, _generator):
         faults.sensors = (*faults.sensors, *(n for n in names if n not in faults.sensors))
 
     return drawn
 
 
-def _lie(name: str, how: How, least: float = 1.0, most: float = 1.0) -> Draw:
+def _lie(name, how, least=1.0, most=1.0):
     """A sensor that lies from the start or later, half of them beside another one that is right.
 
     The sizes are for a load cell; an effort has a hundredth of them, but for scales.
     """
 
-    def drawn(faults: Faults, generator: np.random.Generator) -> None:
+    def drawn(faults, generator):
         since = int(generator.choice((0.0, generator.uniform(0.3, 0.8))) * SECONDS * SECOND)
         size = _size(generator, least, most)
         faults.lies[name] = Lie(
@@ -178,11 +169,11 @@ def _lie(name: str, how: How, least: float = 1.0, most: float = 1.0) -> Draw:
     return drawn
 
 
-def _nothing(_faults: Faults, _generator: np.random.Generator) -> None:
+def _nothing(_faults, _generator):
     pass
 
 
-SINGLE: Final[Mapping[str, Draw]] = {
+SINGLE = {
     "none": _nothing,
     "none, load cell": _sensors(CELL),
     "none, effort": _sensors(EFFORT),
@@ -221,14 +212,14 @@ SINGLE: Final[Mapping[str, Draw]] = {
 """Every kind of fault, by the name of its row."""
 
 
-def single(kind: str, seed: int) -> Faults:
+def single(kind, seed):
     """One fault of a kind."""
     faults = Faults()
     SINGLE[kind](faults, np.random.default_rng([seed, list(SINGLE).index(kind)]))
     return _seen(faults)
 
 
-def mixed(seed: int) -> tuple[tuple[str, ...], Faults]:
+def mixed(seed):
     """One to three faults of different kinds, and their names."""
     generator = np.random.default_rng([seed, 99])
     count = int(generator.integers(1, 4))
@@ -241,7 +232,7 @@ def mixed(seed: int) -> tuple[tuple[str, ...], Faults]:
     return kinds, _seen(faults)
 
 
-def _seen(faults: Faults) -> Faults:
+def _seen(faults):
     """Read an encoder while it slips or wraps: nothing in readings far apart tells a slip.
 
     That is a limit of the estimator (docs/reliability.md), not a fault that it could find.  A slip
@@ -258,6 +249,6 @@ def _seen(faults: Faults) -> Faults:
     return faults
 
 
-def _stopped(faults: Faults, at: int) -> bool:
+def _stopped(faults, at):
     begin = faults.restart_ns
     return begin is not None and begin <= at <= begin + faults.stop_ns

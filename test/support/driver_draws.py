@@ -1,16 +1,9 @@
 """Random faults of drivers for the campaign: one of each kind."""
 
-from collections.abc import Callable, Mapping
-from typing import Final
-
 import numpy as np
 
-from cdrj_ros.model.prepared import Model
-from support.campaign import Course
 from support.campaign_draws import SECONDS
 from support.driver_faults import (
-    Fault,
-    Message,
     frozen,
     in_degrees,
     messages_of,
@@ -19,33 +12,33 @@ from support.driver_faults import (
     twice,
 )
 
-HERTZ: Final = 200
+HERTZ = 200
 """Messages of both axes per second [Hz]."""
 
-NAMES: Final = ("winch", "elbow")
+NAMES = ("winch", "elbow")
 
 
-def _axis(generator: np.random.Generator) -> str:
+def _axis(generator):
     return NAMES[generator.integers(0, 2)]
 
 
-def _value(generator: np.random.Generator) -> float:
+def _value(generator):
     """A wrong angle [rad] of either sign, as often in every decade."""
     return float(generator.choice((-1.0, 1.0)) * 10.0 ** generator.uniform(-3.0, -0.5))
 
 
-def _begin(generator: np.random.Generator) -> float:
+def _begin(generator):
     """Time from which a second publisher sends [s]: the start in half of the runs."""
     return float(generator.choice((0.0, generator.uniform(0.35, 0.8) * SECONDS)))
 
 
-def _frozen(generator: np.random.Generator) -> Fault:
+def _frozen(generator):
     begin = float(generator.uniform(0.35, 0.8)) * SECONDS
     lasting = float(10.0 ** generator.uniform(-0.5, 1.0))
     return frozen(begin, begin + lasting, (NAMES, NAMES[:1], NAMES[1:])[generator.integers(0, 3)])
 
 
-DRIVERS: Final[Mapping[str, Callable[[np.random.Generator], Fault]]] = {
+DRIVERS = {
     "old values with new stamps": _frozen,
     "equal stamps, the wrong value first": lambda g: second(_value(g), begin_s=_begin(g)),
     "equal stamps, the wrong value last": lambda g: second(
@@ -60,7 +53,7 @@ DRIVERS: Final[Mapping[str, Callable[[np.random.Generator], Fault]]] = {
 """Every kind, by the name of its row."""
 
 
-def messages(model: Model, course: Course, kind: str, seed: int) -> list[Message]:
+def messages(model, course, kind, seed):
     """Messages of both axes of the prototype with a fault of a kind."""
     generator = np.random.default_rng([seed, list(DRIVERS).index(kind), 77])
     return DRIVERS[kind](generator)(messages_of(model, course, HERTZ))

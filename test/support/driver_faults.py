@@ -6,15 +6,12 @@ those of ``support.campaign``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator, Options
-from cdrj_ros.model.prepared import Model
-from support.campaign import MS, START, Course
+from support.campaign import MS, START
 
 
 class Message(NamedTuple):
@@ -25,12 +22,7 @@ class Message(NamedTuple):
     positions: tuple[float, ...]
 
 
-Fault = Callable[[list[Message]], list[Message]]
-
-
-def messages_of(
-    model: Model, course: Course, hertz: int, noise: Mapping[str, float] | None = None
-) -> list[Message]:
+def messages_of(model, course, hertz, noise=None):
     """What sensors of the file's resolution, and of such noise [rad], send."""
     rows = np.arange(0, len(course.angle), 1000 // hertz)
     angle = course.angle[rows]
@@ -49,18 +41,13 @@ def messages_of(
 # --- what goes wrong ------------------------------------------------------------------------------
 
 
-def frozen(
-    begin_s: float,
-    end_s: float = np.inf,
-    axes: Iterable[str] | None = None,
-    noise: float = 0.0,
-) -> Fault:
+def frozen(begin_s, end_s=np.inf, axes=None, noise=0.0):
     """The readings of some axes, of all by default, repeat but for noise; the stamps go on."""
     generator = np.random.default_rng(5)
 
-    def spoil(messages: list[Message]) -> list[Message]:
-        found: list[Message] = []
-        last: Message | None = None
+    def spoil(messages):
+        found = []
+        last = None
         for message in messages:
             since_s = (message.stamp_ns - START) * 1e-9
             if not begin_s <= since_s < end_s or last is None:
@@ -82,11 +69,11 @@ def frozen(
     return spoil
 
 
-def zeroed(axes: Iterable[str], begin_s: float, gap_s: float) -> Fault:
+def zeroed(axes, begin_s, gap_s):
     """A driver starts anew: nothing for a while, then some axes count from where they are."""
     chosen = frozenset(axes)
 
-    def spoil(messages: list[Message]) -> list[Message]:
+    def spoil(messages):
         since_s = [(m.stamp_ns - START) * 1e-9 for m in messages]
         before = [m for m, t in zip(messages, since_s, strict=True) if t < begin_s]
         after = [m for m, t in zip(messages, since_s, strict=True) if t >= begin_s + gap_s]
@@ -97,13 +84,11 @@ def zeroed(axes: Iterable[str], begin_s: float, gap_s: float) -> Fault:
     return spoil
 
 
-def second(
-    value: float = 0.0, *, first: bool = True, every: int = 1, begin_s: float = 0.0
-) -> Fault:
+def second(value=0.0, *, first=True, every=1, begin_s=0.0):
     """Another publisher sends one value for all axes, with the very same stamps."""
 
-    def spoil(messages: list[Message]) -> list[Message]:
-        found: list[Message] = []
+    def spoil(messages):
+        found = []
         for k, message in enumerate(messages):
             other = message._replace(positions=(value,) * len(message.names))
             if k % every or (message.stamp_ns - START) * 1e-9 < begin_s:
@@ -115,10 +100,10 @@ def second(
     return spoil
 
 
-def twice(axis: str, value: float = 0.0, *, first: bool = True) -> Fault:
+def twice(axis, value=0.0, *, first=True):
     """Every message has the name of one axis twice, once with another value."""
 
-    def spoil(messages: list[Message]) -> list[Message]:
+    def spoil(messages):
         if first:
             return [Message(m.stamp_ns, (axis, *m.names), (value, *m.positions)) for m in messages]
         return [Message(m.stamp_ns, (*m.names, axis), (*m.positions, value)) for m in messages]
@@ -126,11 +111,11 @@ def twice(axis: str, value: float = 0.0, *, first: bool = True) -> Fault:
     return spoil
 
 
-def scaled(axes: Iterable[str], factor: float) -> Fault:
+def scaled(axes, factor):
     """The angles of some axes are multiplied."""
     chosen = frozenset(axes)
 
-    def spoil(messages: list[Message]) -> list[Message]:
+    def spoil(messages):
         return [
             m._replace(
                 positions=tuple(
@@ -144,12 +129,12 @@ def scaled(axes: Iterable[str], factor: float) -> Fault:
     return spoil
 
 
-def in_degrees(axes: Iterable[str]) -> Fault:
+def in_degrees(axes):
     """The angles of some axes are in degrees."""
     return scaled(axes, 180.0 / np.pi)
 
 
-def swapped(one: str, other: str) -> Fault:
+def swapped(one, other):
     """Two axes have each other's name."""
     names = {one: other, other: one}
     return lambda messages: [
@@ -157,10 +142,10 @@ def swapped(one: str, other: str) -> Fault:
     ]
 
 
-def older(axis: str, messages_ago: int) -> Fault:
+def older(axis, messages_ago):
     """The value of one axis is that of an earlier message."""
 
-    def spoil(messages: list[Message]) -> list[Message]:
+    def spoil(messages):
         place = messages[0].names.index(axis)
         found = []
         for k, message in enumerate(messages):
@@ -172,10 +157,10 @@ def older(axis: str, messages_ago: int) -> Fault:
     return spoil
 
 
-def late_stamps(deviation_s: float) -> Fault:
+def late_stamps(deviation_s):
     """The stamps are times of publication, some time after that of the readings."""
 
-    def spoil(messages: list[Message]) -> list[Message]:
+    def spoil(messages):
         late = np.abs(np.random.default_rng(3).normal(0.0, 1e9 * deviation_s, len(messages)))
         return [
             m._replace(stamp_ns=m.stamp_ns + int(by)) for m, by in zip(messages, late, strict=True)
@@ -184,12 +169,12 @@ def late_stamps(deviation_s: float) -> Fault:
     return spoil
 
 
-def bunched(interval_s: float) -> Fault:
+def bunched(interval_s):
     """Messages wait for each other and have the stamps of their arrival, 30 us apart."""
     interval = round(1e9 * interval_s)
 
-    def spoil(messages: list[Message]) -> list[Message]:
-        found: list[Message] = []
+    def spoil(messages):
+        found = []
         last = 0
         for message in messages:
             last = max(message.stamp_ns + -message.stamp_ns % interval, last + 30_000)
@@ -199,10 +184,10 @@ def bunched(interval_s: float) -> Fault:
     return spoil
 
 
-def slipping(axis: str, begin_s: float, by: float, lasting_s: float) -> Fault:
+def slipping(axis, begin_s, by, lasting_s):
     """The readings of an axis move away by so much [rad], evenly, and stay there."""
 
-    def spoil(messages: list[Message]) -> list[Message]:
+    def spoil(messages):
         place = messages[0].names.index(axis)
         found = []
         for message in messages:
@@ -215,7 +200,7 @@ def slipping(axis: str, begin_s: float, by: float, lasting_s: float) -> Fault:
     return spoil
 
 
-def repeated(times: int) -> Fault:
+def repeated(times):
     """The sensors are read less often than they are published."""
     return lambda messages: [
         m._replace(positions=messages[k - k % times].positions) for k, m in enumerate(messages)
@@ -225,12 +210,7 @@ def repeated(times: int) -> Fault:
 # --- runs -----------------------------------------------------------------------------------------
 
 
-def feed(
-    model: Model,
-    messages: Iterable[Message],
-    options: Options | None = None,
-    watch: Callable[[LiveEstimator, Message], object] | None = None,
-) -> list[Estimate]:
+def feed(model, messages, options=None, watch=None):
     """Feed the messages; ``watch`` is called after each of them."""
     live, outputs = LiveEstimator(model, options or Options()), []
     for message in messages:

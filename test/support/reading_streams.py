@@ -1,14 +1,11 @@
 """Random robots, and streams of messages as their sensors, networks and clocks spoil them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from random import Random
 
 import numpy as np
 
-from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind
+from cdrj_ros.estimation.conditioner import TOPICS, Kind
 from cdrj_ros.estimation.estimator import Sample
-from cdrj_ros.robot.description import Robot
 from support.wound import robot_of
 
 MS = 1_000_000
@@ -28,14 +25,7 @@ class Message:
     positions: tuple[float, ...]
 
 
-def take(
-    conditioner: Conditioner,
-    kind: Kind,
-    stamp_ns: int,
-    names: Sequence[str],
-    positions: Sequence[float],
-    by_arrival: bool = False,
-) -> list[Sample]:
+def take(conditioner, kind, stamp_ns, names, positions, by_arrival=False):
     """The samples that a message of angles [rad] completes, which has arrived at its stamp."""
     arrival_ns = stamp_ns if by_arrival else -1
     found = conditioner.feed(
@@ -44,7 +34,7 @@ def take(
     return [Sample(*one) for one in found]
 
 
-def random_robot(random: Random) -> Robot:
+def random_robot(random):
     """Up to three motors and joints, each with sensor and limits of its own."""
     motors = ", ".join(_axis(random, f"m{k}", []) for k in range(random.randint(1, 3)))
     joints = ", ".join(
@@ -58,7 +48,7 @@ def random_robot(random: Random) -> Robot:
     return robot_of(f"name: any\n{stated}motors: [{motors}]\njoints: [{joints}]\n", "m0", span)
 
 
-def _axis(random: Random, name: str, keys: list[str]) -> str:
+def _axis(random, name, keys):
     for share, key, values in (
         (0.5, "max_speed", (2, 8, 50)),
         (0.4, "period", (0.015, 0.5, 3.1, 6.283185307179586)),
@@ -77,7 +67,7 @@ def _axis(random: Random, name: str, keys: list[str]) -> str:
     return f"{{name: {name}, {', '.join(keys)}}}"
 
 
-def _topics(random: Random, robot: Robot) -> list[tuple[str, list[str]]]:
+def _topics(random, robot):
     motors, joints = ([axis.name for axis in axes] for axes in (robot.motors, robot.joints))
     alone = [("motors", [name]) for name in motors] + [("joints", [name]) for name in joints]
     return random.choice(
@@ -88,7 +78,7 @@ def _topics(random: Random, robot: Robot) -> list[tuple[str, list[str]]]:
 class Sender:
     """Sends what the sensors of moving axes read."""
 
-    def __init__(self, random: Random, robot: Robot) -> None:
+    def __init__(self, random, robot):
         self.random, self.robot = random, robot
         self.topics = _topics(random, robot)
         self.begin = random.choice((1, SECOND, 1_700_000_000 * SECOND))
@@ -106,11 +96,11 @@ class Sender:
         self.shift_of = [0] * len(rates)
         """The same for the messages of each topic, some of which are still under way."""
         self.silent_until = [-1] * len(rates)
-        self.steps: dict[str, float] = {}
+        self.steps = {}
         self.second = random.choice((*4 * (0.0,), 0.02, 0.3))
         """By how much the readings of a second publisher differ."""
 
-    def next(self) -> Message | None:
+    def next(self):
         """The next message; None if its topic is silent."""
         random = self.random
         which = min(range(len(self.due)), key=lambda k: self.due[k])
@@ -134,7 +124,7 @@ class Sender:
         stamp = max(time + self.shift_of[which], -5)
         return self._spoiled(topic, stamp, list(names), list(positions))
 
-    def _reading(self, name: str, time: int) -> float:
+    def _reading(self, name, time):
         random = self.random
         (sensor,) = (axis.sensor for axis in self.robot.axes if axis.name == name)
         value = self.amplitude * np.sin(self.speed * (time - self.begin) * 1e-9) / sensor.scale
@@ -151,7 +141,7 @@ class Sender:
             value = np.remainder(value, sensor.period)
         return float(value)
 
-    def _spoiled(self, topic: str, stamp: int, names: list[str], positions: list[float]) -> Message:
+    def _spoiled(self, topic, stamp, names, positions):
         """A message, now and then with other names, numbers or times."""
         random, fault = self.random, self.random.random()
         if fault < 0.004:
@@ -173,7 +163,7 @@ class Sender:
         return Message(topic, stamp, tuple(names), tuple(positions))
 
 
-def random_stream(random: Random, robot: Robot, count: int) -> Sequence[Message]:
+def random_stream(random, robot, count):
     """Some ``count`` messages in order of arrival; some arrive twice or late."""
     sender, sent = Sender(random, robot), []
     for _ in range(count):
