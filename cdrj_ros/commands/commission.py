@@ -17,7 +17,7 @@ from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unmoved
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
 from cdrj_ros.commands.commission_steps import Commissioned, Measured, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
-from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
+from cdrj_ros.commands.shared import add_channel_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
@@ -91,8 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
-    add_topic_options(parser)
-    add_columns_option(parser)
+    add_channel_options(parser)
     return parser
 
 

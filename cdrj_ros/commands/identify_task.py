@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cdrj_ros.commands.entry import CommandParser
-from cdrj_ros.commands.shared import add_columns_option, add_topic_options, channels_of
+from cdrj_ros.commands.shared import add_channel_options, channels_of
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.files import check_outputs
 from cdrj_ros.foundation.output import say
@@ -102,8 +102,7 @@ def parser() -> argparse.ArgumentParser:
         help="fit again without each bag, or without matching bags, and evaluate these bags",
     )  # fmt: skip
     parser.add_argument("--residual", action="store_true", help="learn what the model leaves over")
-    add_topic_options(parser)
-    add_columns_option(parser)
+    add_channel_options(parser)
     return parser
 
 

@@ -74,8 +74,9 @@ def topic_prefix(arguments: argparse.Namespace) -> str:
     return f"/{prefix}" if prefix else ""
 
 
-def add_columns_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--columns``, with which a table is read."""
+def add_channel_options(parser: argparse.ArgumentParser) -> None:
+    """The options of topics and, to read a table instead, ``--columns``."""
+    add_topic_options(parser)
     parser.add_argument(
         "--columns", metavar="FILE",
         help="read tables (CSV) instead of bags, whose columns this file names (YAML, "

@@ -10,10 +10,9 @@ from pathlib import Path
 
 from cdrj_ros.commands.entry import BAD_INPUT, DONE, OUTSIDE_LIMITS, CommandParser, run_command
 from cdrj_ros.commands.shared import (
-    add_columns_option,
+    add_channel_options,
     add_result_options,
     add_robot_option,
-    add_topic_options,
     channels_of,
     print_results,
     topic_prefix,
@@ -68,8 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         help="rosbag2 folder or .mcap file, or a table with --columns",
     )
     add_robot_option(parser, several=True)
-    add_topic_options(parser)
-    add_columns_option(parser)
+    add_channel_options(parser)
     parser.add_argument(
         "--start", type=float, default=0.0, metavar="S",
         help="compare from S seconds after the start of the bag; the estimator still processes "

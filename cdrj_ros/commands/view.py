@@ -9,9 +9,8 @@ from pathlib import Path
 
 from cdrj_ros.commands.entry import CommandParser, run_command
 from cdrj_ros.commands.shared import (
-    add_columns_option,
+    add_channel_options,
     add_robot_option,
-    add_topic_options,
     channels_of,
 )
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
@@ -32,8 +31,7 @@ def _parser() -> CommandParser:
     )
     parser.add_argument("bag", metavar="BAG", help="rosbag2 folder or file")
     add_robot_option(parser)
-    add_topic_options(parser)
-    add_columns_option(parser)
+    add_channel_options(parser)
     parser.add_argument(
         "--host", default="localhost",
         help="address to listen on; 0.0.0.0 for the network (default %(default)s)",

@@ -25,7 +25,7 @@ from cdrj_ros.model.laws import (
     secant_at,
 )
 from cdrj_ros.model.prepared import Course, Model, course_of, prepare
-from cdrj_ros.robot.description import Cable, Pulley, Robot, Winch, friction_law, turns_of
+from cdrj_ros.robot.description import Cable, Robot, Winch, friction_law, turns_of
 from cdrj_ros.robot.groups import connected_cables, joints_of
 
 
@@ -130,29 +130,6 @@ RUN: Final = 100
 
 LOOSEST: Final = 1e-7
 """Moment arms below this are treated as zero [m]."""
-
-
-def transmissions(cable: Cable, pulley: Pulley, wrap_angle: Vector) -> Matrix:
-    """eta of a pulley at rest and sliding fast, by the cable's law: (37), (41) and their blend.
-
-    Args:
-        cable: of the pulley.
-        pulley: one of its pulleys.
-        wrap_angle: [rad], shape (n,).
-
-    Returns:
-        Shape (n, 2).
-    """
-    law = friction_law(cable.law)
-    if not law.sliding:
-        return np.ones((wrap_angle.size, 2))
-    one = friction_numbers(pulley, law)
-    rho, mu_c, mu_s, bearing = (one[key] for key in ("rho", "mu_c", "mu_s", "bearing_ratio"))
-    stribeck = Stribeck[pulley.friction.stribeck]
-    kinetic, static = np.transpose(
-        [blended_loss(rho, mu_c, mu_s, wrap, bearing, stribeck) for wrap in wrap_angle.tolist()]
-    )
-    return np.stack([1.0 - kinetic - static, 1.0 - kinetic], axis=1)
 
 
 def inspect_robot(model: Model) -> Inspection:
@@ -292,10 +269,24 @@ def _elements(
 
 
 def _transmissions(cable: Cable, wrap: Matrix) -> NDArray[np.float64]:
-    """eta of every pulley at rest and sliding fast, shape (poses, pulleys, 2)."""
-    found = np.empty((wrap.shape[0], len(cable.pulleys), 2))
-    for p, pulley in enumerate(cable.pulleys):
-        found[:, p] = transmissions(cable, pulley, wrap[:, p])
+    """eta of every pulley at rest and sliding fast, by the cable's law: (37), (41), their blend.
+
+    Args:
+        cable: with the pulleys.
+        wrap: their wrap angles [rad], shape (poses, pulleys).
+
+    Returns:
+        Shape (poses, pulleys, 2).
+    """
+    law = friction_law(cable.law)
+    found = np.ones((*wrap.shape, 2))
+    for p, pulley in enumerate(cable.pulleys if law.sliding else ()):
+        one = friction_numbers(pulley, law)
+        rho, mu_c, mu_s, bearing = (one[key] for key in ("rho", "mu_c", "mu_s", "bearing_ratio"))
+        stribeck = Stribeck[pulley.friction.stribeck]
+        for k, angle in enumerate(wrap[:, p].tolist()):
+            kinetic, static = blended_loss(rho, mu_c, mu_s, angle, bearing, stribeck)
+            found[k, p] = 1.0 - kinetic - static, 1.0 - kinetic
     return found
 
 

@@ -25,6 +25,7 @@ from cdrj_ros.foundation.output import counted, listed, printable
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
 from cdrj_ros.nodes.diagnostics import Health
+from cdrj_ros.nodes.feed import SILENCE_S
 from cdrj_ros.nodes.settings import (
     default_profile,
     publishing_nodes,
@@ -40,9 +41,6 @@ PATIENCE_S: Final = 3.0
 
 AGAIN_S: Final = 10.0
 """Minimum time between two equal warnings [s]."""
-
-SILENT_S: Final = 1.5
-"""Time without a message after which a topic counts as silent [s]."""
 
 STANDS: Final = "/clock stands still: is it published, and use_sim_time meant?"
 """What is said of a simulated clock that stands still."""
@@ -182,7 +180,7 @@ def missing_inputs(
         apart: clocks that differ, in words.
         robot: provides the joints and their ranges.
     """
-    silent = [topic.topic for topic in topics if topic.silent(SILENT_S)]
+    silent = [topic.topic for topic in topics if topic.silent(SILENCE_S)]
     if unheard:
         what = f"no reading of {_listed(unheard)} accepted"
     elif silent:

@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from cdrj_ros.commands.entry import run_command
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.messages.topics import NAMESPACE
 from cdrj_ros.nodes.robot_description import ROBOT_SETTINGS, given_model
 from cdrj_ros.nodes.settings import Setting, declare, values_of
 from cdrj_ros.nodes.spinning import run_node
@@ -55,7 +56,7 @@ class MarkersNode(Node):
         Raises:
             CdrjError: the robot file or a parameter is invalid.
         """
-        super().__init__("markers", namespace="cdrj", **options)
+        super().__init__("markers", namespace=NAMESPACE, **options)
         declare(self, SETTINGS)
         values = values_of(self, SETTINGS)
         self.model = given_model(self, values["robot"])

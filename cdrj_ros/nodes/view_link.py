@@ -250,7 +250,7 @@ class Heard:
 def words_of(
     heard: Heard, inputs: Inputs, shown: Snapshot, there: bool, publishers: int, now_ns: int
 ) -> tuple[str, ...]:
-    """The state in paragraphs, see ``markup.plain``.
+    """The state in paragraphs, see ``panels.plain``.
 
     Args:
         heard: its diagnosis.

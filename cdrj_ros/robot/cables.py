@@ -49,17 +49,19 @@ class CableReader:
             for k, node in enumerate(entry["nodes"])
         )
         self._check_order(path, nodes)
+        self._check_scales(path, entry)
+        numbers = given(
+            entry, "slack_tension", "sensor_noise", "rest_length", "bedding_strain",
+            "bedding_tension", "creep_share", "creep_time", "flow_time",
+            maximum_tension="max_tension",
+        )  # fmt: skip
         return Cable(
             entry["name"],
             self._axial_stiffness(path, entry),
             self._preload(path, entry),
             nodes,
             () if routed else self._spans(f"{path}.spans", entry["spans"], len(nodes) - 1),
-            **self._bedding(path, entry),
-            **self._creep(path, entry),
-            **given(
-                entry, "slack_tension", "sensor_noise", "rest_length", maximum_tension="max_tension"
-            ),
+            **numbers,
             sensor_verified=entry.get("sensor_verified", Cable.sensor_verified),
             law={**layers[0], **layers[1]}.get("law", Cable.law),
         )
@@ -109,22 +111,17 @@ class CableReader:
             path, "needs either axial_stiffness [N], or both youngs_modulus [Pa] and diameter [m]"
         )
 
-    def _bedding(self, path: str, entry: Document) -> dict[str, Any]:
-        if entry.get("bedding_strain", 0.0) > 0.0 and "bedding_tension" not in entry:
-            raise self.refuse(
-                f"{path}.bedding_tension",
-                "is missing: where bedding_strain is not 0, the tension [N] at which half of it "
-                "is taken up must be given",
-            )
-        return given(entry, "bedding_strain", "bedding_tension")
-
-    def _creep(self, path: str, entry: Document) -> dict[str, Any]:
-        if entry.get("creep_share", 0.0) > 0.0 and "creep_time" not in entry:
-            raise self.refuse(
-                f"{path}.creep_time",
-                "is missing: where creep_share is not 0, the time constant [s] must be given",
-            )
-        return given(entry, "creep_share", "creep_time", "flow_time")
+    def _check_scales(self, path: str, entry: Document) -> None:
+        """Check that what a cable yields comes with the tension or the time in which it does."""
+        for share, needed, words in (
+            ("bedding_strain", "bedding_tension", "tension [N] at which half of it is taken up"),
+            ("creep_share", "creep_time", "time constant [s]"),
+        ):
+            if entry.get(share, 0.0) > 0.0 and needed not in entry:
+                raise self.refuse(
+                    f"{path}.{needed}",
+                    f"is missing: where {share} is not 0, the {words} must be given",
+                )
 
     def _check_order(self, path: str, nodes: tuple[Node, ...]) -> None:
         last = len(nodes) - 1

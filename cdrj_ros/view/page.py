@@ -133,7 +133,7 @@ class Page:
         Args:
             shown: the values.
             table: values over time; None: the curves stay.
-            words: the state in words, one paragraph each, see ``markup.plain``.
+            words: the state in words, one paragraph each, see ``panels.plain``.
             now_ns: time that is marked in the curves [ns]; None for none, whose time is 0 at the
                 end.
 

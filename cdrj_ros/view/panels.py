@@ -260,7 +260,7 @@ class Controls:
             one.disabled = not able
 
     def answer(self, words: str) -> None:
-        """Show the estimator's answer, see ``markup.plain``."""
+        """Show the estimator's answer, see ``plain``."""
         self._answer.content = paragraphs([words] if words else [])
 
     def release(self, name: str) -> None:
