@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from math import ceil, isfinite, radians
+from math import ceil, degrees, isfinite, radians
 from typing import Final
 
 import numpy as np
@@ -104,6 +104,8 @@ def range_words(joint: Joint, angle: float, *, slides: bool) -> str:
     far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
     if far and joint.lower <= unit * angle <= joint.upper:
         hint = f": in {words}; or another axis's name?"
+    elif joint.sensor.scale == radians(1.0) and joint.lower <= degrees(angle) <= joint.upper:
+        hint = ": in radians? scale: 1 in place of scale_deg"
     elif joint.lower <= -angle <= joint.upper and beyond > BESIDE * (joint.upper - joint.lower):
         hint = f": the other way? scale: {-joint.sensor.scale:.4g}"
     return (

@@ -275,3 +275,17 @@ def test_a_sliding_joint_far_beyond_its_range_may_be_in_millimetres():
     words = "joint q at 120, its range is 0 to 0.2: in mm? scale: 0.001; or another axis's name?"
     assert range_words(slide, 120.0, slides=True) == words
     assert "degrees" in range_words(slide, 10.0, slides=False)
+
+
+def test_a_joint_whose_file_reads_degrees_may_be_published_in_radians():
+    (bent,) = parse_robot(
+        "{name: r, motors: [{name: m}], joints: [{name: q, scale_deg: 1, range_deg: [-70, -20],"
+        " reference_angle_deg: -40}], cables: [{name: c, axial_stiffness: 1000, preload: 10,"
+        " spans: [{joint: q, offset: 0.3, slope: 0.01}],"
+        " nodes: [{type: winch, motor: m, winding: 1, radius: 0.01}, {type: anchor}]}]}"
+    ).joints
+    read = np.radians(-0.7)  # by the file's scale, of an angle of -0.7 rad
+    assert range_words(bent, read, slides=False).endswith(
+        "-0.3491: in radians? scale: 1 in place of scale_deg"
+    )
+    assert not range_words(bent, np.radians(-10.0), slides=False).endswith("scale_deg")
