@@ -17,6 +17,7 @@ import numpy as np
 
 from cdrj_ros import __version__
 from cdrj_ros.estimation.changes import narrowed, preloads_of, reference_at
+from cdrj_ros.estimation.conditioner import count_of
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.identification.entries import uncertainty_section
@@ -132,10 +133,12 @@ def commissioned(fresh: str, source: str, measured: Measured) -> Commissioned:
     Raises:
         UsageError: one does not belong to the robot, or there is nothing to fit to.
     """
-    robot, text = parse_robot(fresh, source), fresh
-    origins: dict[str, str] = {}
-    poses: tuple[Sample, ...] = ()
     recordings = [*measured.motion, *measured.cells]
+    counts = _counts(parse_robot(fresh, source), recordings)
+    text = with_numbers_in_text(fresh, counts, source)
+    robot = parse_robot(text, source)
+    origins = dict.fromkeys(counts, "counts of the readings")
+    poses: tuple[Sample, ...] = ()
 
     def write(values: Mapping[str, float], origin: str, *paths: str) -> str:
         origins.update(dict.fromkeys(values, origin))
@@ -165,6 +168,17 @@ def commissioned(fresh: str, source: str, measured: Measured) -> Commissioned:
         text = _with_fitted(base, robot, values)
         text = with_section(text, "uncertainty", section_of(robot, fits))
     return Commissioned(fresh, source, measured, base, text, origins, fits, poses)
+
+
+def _counts(robot: Robot, recordings: Sequence[Recorded]) -> dict[str, float]:
+    """Resolutions that readings show and the file does not state, by path [as published]."""
+    found = {}
+    for kind, axes in (("motors", robot.motors), ("joints", robot.joints)):
+        for axis in axes:
+            read = [getattr(one, kind)[axis.name].value for one in recordings]
+            if read and not axis.sensor.resolution and (count := count_of(np.concatenate(read))):
+                found[f"{kind}.{axis.name}.resolution"] = count
+    return found
 
 
 @lru_cache(maxsize=8)

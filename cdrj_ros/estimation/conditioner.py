@@ -48,6 +48,39 @@ def negligible(sensor: Sensor) -> float:
     return max(abs(sensor.scale) * hypot(count, sensor.noise), UNSEEN_FLOOR)
 
 
+COUNTED: Final = 20_000
+"""Number of readings of an axis from which its counts are found."""
+
+ON_GRID: Final = 0.05
+"""Largest deviation of differences of readings from whole counts [counts]."""
+
+ROUNDING: Final = 1e-9
+"""Differences of readings below this part of their range are none."""
+
+FEWEST: Final = 10
+"""Differences of readings below which they may have a common divisor by chance."""
+
+
+VARIED: Final = 0.01
+"""Share of the differences between readings, in counts, that are not as the one before; of an axis
+at constant speed, whose readings lie on a grid, fewer are."""
+
+
+def count_of(readings: Vector) -> float:
+    """The resolution that readings show, of which all their differences are multiples, or 0."""
+    few = readings[:COUNTED]
+    few = few[np.isfinite(few)]
+    differences = np.diff(np.unique(few))
+    differences = differences[differences > ROUNDING * differences.sum()]
+    if differences.size < FEWEST:
+        return 0.0
+    count = float(differences.min())
+    ratio = differences / count
+    steps = np.rint(np.abs(np.diff(few)) / count)
+    on_grid = float(np.abs(ratio - np.rint(ratio)).max()) < ON_GRID
+    return count if on_grid and np.mean(steps[1:] != steps[:-1]) > VARIED else 0.0
+
+
 def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
     """Efforts [N m] of published ones; those of other names stay.
 

@@ -9,12 +9,18 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros.estimation.conditioner import Conditioned, angles_of, condition, worth_of
+from cdrj_ros.estimation.conditioner import (
+    Conditioned,
+    angles_of,
+    condition,
+    count_of,
+    worth_of,
+)
 from cdrj_ros.estimation.estimator import Angles, Samples
 from cdrj_ros.estimation.refusals import NOTED, sparse_words
 from cdrj_ros.estimation.travel import travel_suspicion
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
-from cdrj_ros.foundation.arrays import Series, Stamps, Vector
+from cdrj_ros.foundation.arrays import Series, Stamps
 from cdrj_ros.foundation.errors import BagError
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
@@ -147,18 +153,13 @@ def doubts_of(model: Model, conditioned: Conditioned) -> list[str]:
     return notes
 
 
-COUNTED: Final = 20_000
-"""Number of readings of an axis from which its counts are found."""
-
-
 def unstated_counts(model: Model, recording: Recording) -> list[str]:
     """Notes on encoders whose counts are worth much, and whose resolution the file leaves out."""
     robot, notes = model.robot, []
     if robot.unmeasured:
         return []
     for axis, tenth in zip(robot.axes, worth_of(robot), strict=True):
-        readings = {**recording.motors, **recording.joints}[axis.name].value[:COUNTED]
-        count = _count_of(readings[np.isfinite(readings)])
+        count = count_of({**recording.motors, **recording.joints}[axis.name].value)
         share = 0.1 * abs(axis.sensor.scale) * count / tenth
         if axis.sensor.resolution == 0.0 and share > NOTED:
             notes.append(
@@ -166,16 +167,6 @@ def unstated_counts(model: Model, recording: Recording) -> list[str]:
                 "preload; state its resolution, and a tracking_bandwidth to filter between them."
             )
     return notes
-
-
-def _count_of(readings: Vector) -> float:
-    """The step of which all differences of readings are multiples; 0 if there is none."""
-    steps = np.diff(np.unique(readings))
-    if steps.size < 10:  # a few values can have a common divisor by chance
-        return 0.0
-    least = float(steps.min())
-    multiples = steps / least
-    return least if np.all(np.abs(multiples - np.rint(multiples)) < 0.05) else 0.0
 
 
 def counters_of(recording: Recording, conditioned: Conditioned) -> dict[str, int]:

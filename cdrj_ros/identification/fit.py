@@ -226,12 +226,43 @@ def _stddev_before(rounds: Rounds, found: Vector) -> Vector:
 
 def _search(sparse: Problem, settings: Settings, say: Progress) -> Vector:
     """Coordinates of a fit to a quarter of the thinned samples."""
-    first = sought(sparse, settings.sought)
+    first = _taut(sparse, sought(sparse, settings.sought), say)
     # residuals in units of their noise do not leave the priors their weight
     variance = 1.0 if settings.weights == "spread" else None
     best = minimise(sparse, first, "linear", say, variance=variance, settled=np.inf)
     # outliers bias the first fit, and a prior has its weight only if the residuals have theirs
     return minimise(sparse, best.coordinates, settings.loss, say).coordinates
+
+
+SOFTER: Final = 0.25
+"""Factor by which the stiffness of all cables is lowered until none is slack."""
+
+SOFTEST: Final = 1e-3
+"""Share of their stiffness below which it is not lowered."""
+
+
+def _taut(sparse: Problem, begin: Vector, say: Progress) -> Vector:
+    """Coordinates of a start at which no cable is slack, if there is one.
+
+    A radius that is 3 % off stretches a stiff cable by more than its preload.  Where a cable is
+    slack, its tension has no slope, and a fit would stay where it began.  Softer cables are not
+    slack; what is fitted to them is the start for stiffer ones.
+    """
+    here, share = begin, 0.0
+    while share < (stiffer := _stiffest(sparse, here)) < 1.0:
+        share = stiffer
+        soft = sparse.softer(share)
+        here = minimise(soft, here, "linear", say, settled=np.inf).coordinates
+    costs = [float(np.sum(found**2)) for found in sparse.residuals_of([here, begin])]
+    return here if costs[0] < costs[1] else begin
+
+
+def _stiffest(sparse: Problem, here: Vector) -> float:
+    """Greatest share of the stiffness with which no cable is slack, or the least that is tried."""
+    share = 1.0
+    while share > SOFTEST and sparse.softer(share).slackens(here):
+        share *= SOFTER
+    return share
 
 
 UNSETTLED: Final = 1.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal, get_args
 
@@ -30,6 +30,7 @@ from cdrj_ros.identification.observations import (
     samples_by,
 )
 from cdrj_ros.identification.unknowns import Unknown, values_by_path
+from cdrj_ros.model.packing import SLACK
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import Owners
@@ -111,7 +112,10 @@ class Problem:
         unknowns: Sequence[Unknown],
         observations: Sequence[Observations],
         pool: ThreadPoolExecutor,
+        stiffness: float = 1.0,
     ) -> None:
+        self.stiffness = stiffness
+        """Share of their axial stiffness that the cables have."""
         self.document = document
         self.source = source
         self.unknowns = tuple(unknowns)
@@ -161,7 +165,27 @@ class Problem:
             RobotFileError: the numbers describe no possible robot.
         """
         values = values_by_path(self.unknowns, self.values(coordinates))
-        return prepare(build_robot(self._written(tuple(values.values())), self.source))
+        robot = build_robot(self._written(tuple(values.values())), self.source)
+        if self.stiffness < 1.0:
+            soft = [replace(one, axial_stiffness=self.stiffness * one.axial_stiffness)
+                    for one in robot.cables]  # fmt: skip
+            robot = replace(robot, cables=tuple(soft))
+        return prepare(robot)
+
+    def softer(self, stiffness: float) -> Problem:
+        """The same problem with cables that have this share of their axial stiffness."""
+        return Problem(
+            self.document, self.source, self.unknowns, self.observations, self.pool, stiffness
+        )
+
+    def slackens(self, coordinates: Vector) -> bool:
+        """Whether a cable is slack at times: its tension then does not depend on the unknowns."""
+        model = self.model(coordinates)
+        for one in self.observations:
+            found = run(model, initial_state(model), samples_by(model, one))[1]
+            if np.any(found.status == SLACK):
+                return True
+        return False
 
     def residuals(self, coordinates: Vector) -> Vector:
         """All residuals in one row; infinite where the numbers describe no possible robot."""

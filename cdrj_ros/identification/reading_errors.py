@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from cdrj_ros.estimation.conditioner import count_of
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Series, Table, Vector
 from cdrj_ros.identification.observations import Observations, samples_by
@@ -24,9 +25,6 @@ from cdrj_ros.robot.description import Joint, Motor, Robot, Sensor
 WORTH: Final = 3.0
 """What all of that noise may be worth in the cost of a fit: as much as one number that deviates by
 1.7 standard deviations of its prior, or as ten that deviate by half of one."""
-
-ON_GRID: Final = 0.01
-"""Largest deviation of steps from whole counts [counts]."""
 
 
 def reading_variance(problem: Problem, coordinates: Vector) -> float:
@@ -76,14 +74,3 @@ def reading_error(sensor: Sensor, values: Vector) -> float:
     """
     count = max(sensor.resolution, count_of(values)) / sqrt(12.0)
     return abs(sensor.scale) * float(np.hypot(count, sensor.noise))
-
-
-def count_of(values: Vector) -> float:
-    """The step of which all steps of some readings are multiples; 0 if there is none."""
-    steps = np.abs(np.diff(values))
-    steps = steps[np.isfinite(steps) & (steps > 0.0)]
-    if not steps.size:
-        return 0.0
-    count = float(steps.min())
-    ratio = steps / count
-    return count if float(np.abs(ratio - np.round(ratio)).max()) < ON_GRID else 0.0

@@ -47,6 +47,32 @@ def test_efforts_whose_gain_is_off_make_no_preload_wrong_and_sure():
         assert known[path] > 0.03 * one.preload
 
 
+@pytest.mark.parametrize("wrong", [0.93, 1.07])
+def test_drums_that_are_off_by_more_than_a_preload_are_found(wrong):
+    """By the file one of the stiff cables is slack, and no slope leads from there."""
+    robot = hand(finger("a"))
+    motion = recorded(robot)
+    paths = {f"cables.a_{k}.nodes.1.radius": 0.006 * wrong ** (1 - 2 * k) for k in range(2)}
+    file = build_robot(with_numbers(dict(robot.document), paths), "file")
+    (fit,) = fit_parts(file, text_of(file), [motion])
+    for one in fit.found.unexplained.values():
+        assert one.rms < 1.2 * one.noise
+
+
+def test_the_counts_that_readings_show_are_written_where_the_file_states_none(two):
+    motion = recorded(two)
+    count = 2.0 * np.pi / 4096
+    joints = {name: replace(one, value=np.round(one.value / count) * count)
+              for name, one in motion.joints.items()}  # fmt: skip
+    stated = build_robot(with_numbers(dict(two.document), {"joints.a_mcp.resolution": 1e-3}), "it")
+    after = steps.begin(text_of(stated), "hand").also(motion=[replace(motion, joints=joints)])
+    known = {axis.name: axis.sensor.resolution for axis in after.model.robot.axes}
+    assert known == pytest.approx({
+        **dict.fromkeys(known, 0.0), **dict.fromkeys(joints, count), "a_mcp": 1e-3,
+    })  # fmt: skip
+    assert "joints.b_pip.resolution" in after.origins
+
+
 @pytest.fixture(scope="module")
 def fits(two):
     """Of two fingers, and of the second one alone."""

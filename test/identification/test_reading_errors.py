@@ -7,11 +7,12 @@ import pytest
 import yaml
 from support.fingers import finger, hand
 
+from cdrj_ros.estimation.conditioner import count_of
 from cdrj_ros.foundation.arrays import Series
 from cdrj_ros.identification.fit import sentences
 from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.parts import fit_parts
-from cdrj_ros.identification.reading_errors import count_of, reading_error
+from cdrj_ros.identification.reading_errors import reading_error
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.description import Sensor
 from cdrj_ros.simulation.drives import follow_joints
@@ -27,13 +28,16 @@ def test_the_count_of_readings_is_found_where_there_is_one():
     assert count_of(np.round(smooth / COUNT) * COUNT) == pytest.approx(COUNT)
     assert count_of(smooth) == 0.0
     assert count_of(np.zeros(100)) == 0.0
+    to_and_fro = np.abs(np.arange(500) % 200 - 100)
+    assert count_of(0.003 * to_and_fro) == 0.0, "a motion at a constant speed"
+    assert count_of(0.003 * np.floor(0.3 * to_and_fro)) == pytest.approx(0.003)
 
 
 def test_a_reading_errs_by_its_count_and_its_noise_in_the_unit_of_the_axis():
     sensor = Sensor(scale=-0.5, resolution=0.012, noise=0.003)
     wanted = 0.5 * np.hypot(0.012 / np.sqrt(12.0), 0.003)
     assert reading_error(sensor, np.zeros(3)) == pytest.approx(wanted)
-    assert reading_error(Sensor(), np.arange(9.0)) == pytest.approx(1.0 / np.sqrt(12.0))
+    assert reading_error(Sensor(), np.arange(12.0) ** 2) == pytest.approx(1.0 / np.sqrt(12.0))
 
 
 @cache
