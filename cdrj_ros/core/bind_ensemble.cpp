@@ -97,19 +97,17 @@ std::tuple<HeldState, Written, bool, Written> step(
     return {std::move(after), estimate, solved, stddev};
 }
 
-/// Standard deviations by `Ensemble::update` or `Ensemble::predict`.
-template <auto METHOD>
-Written deviations(
+Written predict(
     Ensemble& ensemble, Nanoseconds stamp_ns, const Given& motor_angle, const Given& joint_angle,
     const Given& unseen, const Given& offset, const Written& estimate) {
     const Written stddev = stddev_of(ensemble);
-    (ensemble.*METHOD)(
+    ensemble.predict(
         view_of(ensemble, stamp_ns, motor_angle, joint_angle, unseen, offset),
         estimate_of(ensemble, estimate), span_of(stddev));
     return stddev;
 }
 
-/// `update` for many samples and their estimates.
+/// `Ensemble::update` for many samples and their estimates.
 void follow(
     Ensemble& ensemble, const GivenIntegers& stamp_ns, const Given& motor_angle,
     const Given& joint_angle, const Given& unseen, const GivenIntegers& offset_rows, const Given& offset,
@@ -283,25 +281,22 @@ void bind_ensemble(nb::module_& core) {
         .def(
             "step", step, "before"_a, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
             "offset"_a,
-            "``Robot.step`` and ``update``: (state, estimate, solved, standard deviations).")
-        .def(
-            "update", deviations<&Ensemble::update>, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
-            "unseen"_a, "offset"_a, "estimate"_a, R"(
-            The standard deviations at a sample and its estimate, shape (quantities,).
+            R"(
+            ``Robot.step`` and an update of members: (state, estimate, solved, standard deviations).
 
-            They are those before the update of the member in turn.
+            The standard deviations are those before the update of the member in turn.)")
+        .def(
+            "predict", predict, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
+            "unseen"_a, "offset"_a, "estimate"_a, R"(
+            The standard deviations at a predicted sample, which the ensemble forgets at the next other one.
 
             Args:
                 stamp_ns, motor_angle, joint_angle, unseen, offset: the sample.
                 estimate: shape (estimate_size,); tensions that have changed suddenly become ``UNSURE``.)")
         .def(
-            "predict", deviations<&Ensemble::predict>, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a,
-            "unseen"_a, "offset"_a, "estimate"_a,
-            "``update`` at a predicted sample, which the ensemble forgets at the next other one.")
-        .def(
             "follow", follow, "stamp_ns"_a, "motor_angle"_a, "joint_angle"_a, "unseen"_a,
             "offset_rows"_a, "offset"_a, "estimates"_a, "stddev"_a, R"(
-            ``update`` for many samples as ``Samples`` holds them, bit for bit.
+            ``step`` for many samples as ``Samples`` holds them, bit for bit, from their estimates.
 
             Raises:
                 KeyboardInterrupt: between some thousand samples.)")

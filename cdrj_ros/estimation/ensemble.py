@@ -29,7 +29,6 @@ from cdrj_ros.estimation.model_error import (
     length_share,
     load_share,
     offset_gain,
-    stiffness,
     unmodelled,
 )
 from cdrj_ros.foundation.arrays import Vector
@@ -46,9 +45,6 @@ its cable's preload, whichever is larger."""
 
 NO_STDDEVS: Final = np.empty((0, 0))
 """Standard deviations that are not estimated."""
-
-BOUNDS: Final = 3.0
-"""Standard deviations within which angles between two readings are."""
 
 MEMBERS: Final = 32
 """Members of the ensemble: the standard deviation is accurate to 1 / sqrt(2 * 32) = 12 %."""
@@ -91,7 +87,7 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
 
 
 class Ensemble:
-    """The ensemble of one robot; call ``update`` after every ``step``, with sample and estimate.
+    """The ensemble of one robot.
 
     The reports of standard deviations are in the order of ``stddev_columns``.
     """
@@ -119,11 +115,6 @@ class Ensemble:
         draws = draw(model, members, seed, known)
         self.model = model
         self.columns = stddev_columns(model.layout)
-        self.length_share = length_share(model)
-        """Length of every element by that of its cable, shape (elements,)."""
-        shape = shape_at(model, model.robot.reference_pose)
-        self.stiffness = stiffness(model.robot, shape)
-        """Change of every cable's mean tension by every axis [N/rad], shape (cables, axes)."""
         self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
         self.constants = self.core.constants
@@ -166,19 +157,6 @@ class Ensemble:
         self.variance[:] = np.mean(self.deviation**2, axis=0)
         return True
 
-    def mean_changes(self, changes: Vector, sample: Sample) -> Vector:
-        """Sizes of changes of mean tensions that unread angles do not explain [N], shape (cables,).
-
-        Args:
-            changes: of the tensions of all elements until the sample [N].
-            sample: with the standard deviations of angles that are not read.
-        """
-        weighed = self.length_share * changes
-        mean = np.abs([weighed[part].sum() for part in self.model.robot.parts])
-        if not sample.unseen.size:
-            return mean
-        return np.maximum(mean - BOUNDS * (self.stiffness @ sample.unseen[0]), 0.0)
-
     def show_at_least(self, changes: Vector) -> None:
         """Show no smaller standard deviations than those of changes of mean tensions, (U15).
 
@@ -199,10 +177,11 @@ class Ensemble:
             stamps[stamps >= 0] += by_ns
 
     def step(self, state: State, sample: Sample) -> tuple[State, Estimate]:
-        """``step`` and ``update`` in one call.
+        """``estimator.step``, and an update of the members.
 
         Returns:
-            The new state, and the estimate with standard deviations, bit-identical to theirs.
+            The new state, and the estimate with standard deviations before the update of a single
+            member, which changes them by one part in as many as there are members.
 
         Raises:
             ValueError: the angles are not those of this robot.
@@ -213,18 +192,6 @@ class Ensemble:
         )
         return after, Estimate(stamp, values, self.model.layout, solved, stddev)
 
-    def update(self, sample: Sample, estimate: Estimate) -> Vector:
-        """Update the ensemble with the sample of a step and the resulting estimate.
-
-        Returns:
-            Standard deviations before the update of a single member, which changes them by one part
-            in as many as there are members; in the order of ``stddev_columns``.
-
-        Raises:
-            ValueError: the sample or the estimate is of another robot.
-        """
-        return self.core.update(*sample[:5], estimate.values)
-
     def predict(self, sample: Sample, estimate: Estimate) -> Vector:
         """Standard deviations at a predicted sample, which the ensemble forgets again.
 
@@ -233,7 +200,7 @@ class Ensemble:
         return self.core.predict(*sample[:5], estimate.values)
 
     def follow(self, samples: Samples, estimates: Estimates) -> Estimates:
-        """Apply ``update`` to many samples and their estimates; adds the standard deviations."""
+        """Update the members with many samples and their estimates; adds standard deviations."""
         stddev = np.empty((samples.stamp_ns.size, self.columns.size))
         self.core.follow(
             samples.stamp_ns,

@@ -415,35 +415,3 @@ def run(
         state, stamps, samples.motor_angle, samples.joint_angle, estimates, slipping, chosen
     )
     return after, Estimates(stamps, estimates, model.layout)
-
-
-UNWATCHED_NS: Final = 100_000_000
-"""After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
-
-
-@dataclass(frozen=True)
-class EarlierRun:
-    """The last state of a run, and the angles there."""
-
-    state: State
-    motor_angle: Vector
-    """[rad], shape (motors,)."""
-    joint_angle: Vector
-    """[rad], shape (joints,)."""
-
-    def has_moved(self, sample: Sample) -> bool:
-        """Whether the robot has moved along an unknown path until the first sample of this run."""
-        before = np.concatenate([self.motor_angle, self.joint_angle])
-        now = np.concatenate([sample.motor_angle, sample.joint_angle])
-        moved = float(np.max(np.abs(now - before), initial=0.0))
-        return moved > _core.MOVED and not 0 < sample.stamp_ns - self.state.stamp_ns <= UNWATCHED_NS
-
-    def pose_change(self, model: Model, sample: Sample) -> Vector:
-        """What the difference of the poses is worth in the tensions [N], shape (elements,).
-
-        The robot may have moved meanwhile, or an encoder may have slipped.
-        """
-        there = sample._replace(motor_angle=self.motor_angle, joint_angle=self.joint_angle)
-        before = State(min(self.state.stamp_ns, sample.stamp_ns - 1_000_000), self.state.values)
-        then, now = (step(model, before, one)[1].tension for one in (there, sample))
-        return np.asarray(now - then)

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from cdrj_ros._core import JointStateDecoder, mark_unsure
+from cdrj_ros.estimation.breaks import EarlierRun, Unseen
 from cdrj_ros.estimation.changes import (
     Change,
     contradiction,
@@ -32,7 +33,6 @@ from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble
 from cdrj_ros.estimation.estimator import (
     NEVER,
     NO_DOUBTS,
-    EarlierRun,
     Estimate,
     Sample,
     State,
@@ -105,6 +105,7 @@ class LiveEstimator:
         """Samples with at least one unsolved element, without predicted ones."""
         self.ensemble: Ensemble | None = None
         self._travel = MotorTravel(model)
+        self._unseen = Unseen(model)
         self.readings = WaitingReadings(sensors, options.ignored_sensors)
         """Readings of load cells and efforts that wait for a sample."""
         self.corrections: Corrections | None = None
@@ -138,6 +139,7 @@ class LiveEstimator:
             self.encoderless = LiveEncoderless(model, self.encoderless)
         self.model = model
         self._travel.use(model)
+        self._unseen.use(model)
         expected, self._expected = self._expected, None
         if options.uncertainty and not model.robot.unmeasured:
             if self.corrections is not None:
@@ -179,8 +181,8 @@ class LiveEstimator:
         self._earlier: EarlierRun | None = None
         """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
-        self._before_gap: tuple[EarlierRun, Vector] | None = None
-        """The run before the gap in progress, and ``_moved`` then."""
+        self._before_gap: EarlierRun | None = None
+        """The run before the gap in progress."""
         self.state: State = initial_state(self.model)
         self._predicted = None
         self.sample: Sample | None = None
@@ -191,8 +193,8 @@ class LiveEstimator:
         if self.encoderless is not None:
             self.encoderless.reset()
         if not known:
-            self._moved = np.zeros(len(self.model.robot.cables))
-            """Changes of mean tensions while nothing was read, as standard deviations [N]."""
+            self._unseen = Unseen(self.model)
+        self._unseen.end()
         if self.ensemble is not None:
             self.ensemble.reset()
             if not known:
@@ -221,7 +223,7 @@ class LiveEstimator:
         self.corrections = self._expected or self._new_corrections()
         self._expected = None
         self._renew_members()
-        self.corrections.widen(self._moved)
+        self.corrections.widen(self._unseen.changes)
         self.state = initial_state(self.model)
 
     def suspend(self) -> None:
@@ -259,24 +261,19 @@ class LiveEstimator:
             return
         if earlier.has_moved(sample):
             self.ensemble.reset()
-        self._doubt_change(earlier, self._moved, sample)
+        self._doubt_change(earlier, sample)
+        self._unseen.end()
 
-    def _doubt_change(self, earlier: EarlierRun, moved: Vector, sample: Sample) -> None:
-        """Doubt what changed unseen until sensors narrow it, or ``reset`` confirms it, (U15).
-
-        Args:
-            earlier: the run before that.
-            moved: ``_moved`` then.
-            sample: since then.
-        """
+    def _doubt_change(self, earlier: EarlierRun, sample: Sample) -> None:
+        """Doubt what changed between a run and a sample since then, see ``Unseen``."""
         if self.ensemble is None:
             return
-        mean = self.ensemble.mean_changes(earlier.pose_change(self.model, sample), sample)
-        before, self._moved = self._moved, np.maximum(self._moved, np.hypot(moved, mean))
+        before = self._unseen.changes
+        self._unseen.add(earlier, sample)
         if self.corrections is not None:
-            self.corrections.widen(np.sqrt(self._moved**2 - before**2))
+            self.corrections.widen(np.sqrt(self._unseen.changes**2 - before**2))
         else:
-            self.ensemble.show_at_least(self._moved)
+            self.ensemble.show_at_least(self._unseen.changes)
 
     def feed(
         self,
@@ -346,10 +343,11 @@ class LiveEstimator:
             self._take_up(self._earlier, sample)
             self._earlier = None
         elif sample.after_gap and self.sample is not None:
-            self._before_gap = self._before_gap or (self._run_so_far(self.sample), self._moved)
-            self._doubt_change(*self._before_gap, sample)
-        else:
+            self._before_gap = self._before_gap or self._run_so_far(self.sample)
+            self._doubt_change(self._before_gap, sample)
+        elif self._before_gap is not None:
             self._before_gap = None
+            self._unseen.end()
         if self.ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
             return estimate

@@ -15,7 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cdrj_ros.estimation.estimator import EarlierRun, State
+from cdrj_ros.estimation.breaks import EarlierRun
+from cdrj_ros.estimation.estimator import State
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.files import InputError, read_regular, write_bytes

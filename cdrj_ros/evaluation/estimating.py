@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import mark_unsure
+from cdrj_ros.estimation.breaks import EarlierRun, Unseen
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
 from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import (
     Angles,
-    EarlierRun,
     Estimates,
     Samples,
     initial_state,
     run,
 )
 from cdrj_ros.evaluation.inputs import in_order
-from cdrj_ros.foundation.arrays import Series, Table, Vector
+from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.interruption import thread_pool
 from cdrj_ros.messages.templates import ESTIMATE_MESSAGES
 from cdrj_ros.messages.topics import in_namespace
@@ -64,16 +64,15 @@ def pieces_of(
 def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estimates]:
     """``pieces_of`` for a robot whose joints have encoders."""
     ensemble = Ensemble(model) if uncertainty else None
-    moved = before = np.zeros(len(model.robot.cables))
-    for piece, estimates, change in _ahead(_estimated(model, samples)):
+    unseen = Unseen(model)
+    for piece, estimates, earlier in _ahead(_estimated(model, samples)):
         found = estimates
         if ensemble is not None:
-            if change is None:
-                before = moved
+            if earlier is None:
+                unseen.end()
             else:
-                mean = ensemble.mean_changes(change, piece.at(0))
-                moved = np.maximum(moved, np.hypot(before, mean))
-                ensemble.show_at_least(moved)
+                unseen.add(earlier, piece.at(0))
+                ensemble.show_at_least(unseen.changes)
             found = ensemble.follow(piece, estimates)
         stddev = NO_STDDEVS if found.stddev is None else found.stddev
         mark_unsure(model.core, found.values, stddev, UNSURE_SHARE, piece.doubtful)
@@ -82,24 +81,24 @@ def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estim
 
 def _estimated(
     model: Model, samples: Samples
-) -> Iterator[tuple[Samples, Estimates, Vector | None]]:
+) -> Iterator[tuple[Samples, Estimates, EarlierRun | None]]:
     """Consecutive pieces of a pass and their estimates, without standard deviations.
 
-    A sample in a gap is a piece.  With it comes what its pose and the one before the gap differ by
-    in the tensions [N], shape (elements,).
+    A sample in a gap is a piece.  With it comes the run before the gap.
     """
     state, count = initial_state(model), samples.stamp_ns.size
+    earlier: EarlierRun | None = None
     gaps = set(samples.after_gap.tolist()) - {0}
     ends = gaps | {k + 1 for k in gaps}
     for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *ends, count})):
-        piece, change = samples.part(slice(begin, end)), None
-        if begin in gaps:
-            if begin - 1 not in gaps:
-                before = samples.at(begin - 1)
-                earlier = EarlierRun(state, before.motor_angle, before.joint_angle)
-            change = earlier.pose_change(model, piece.at(0))
+        piece = samples.part(slice(begin, end))
+        if begin not in gaps:
+            earlier = None
+        elif earlier is None:
+            before = samples.at(begin - 1)
+            earlier = EarlierRun(state, before.motor_angle, before.joint_angle)
         state, estimates = run(model, state, piece)
-        yield piece, estimates, change
+        yield piece, estimates, earlier
 
 
 def _ahead(items: Iterator[T]) -> Iterator[T]:

@@ -8,7 +8,7 @@ from support.places import ROBOTS, ROOT
 
 from cdrj_ros.estimation.conditioner import condition
 from cdrj_ros.estimation.ensemble import Ensemble
-from cdrj_ros.estimation.estimator import Sample, initial_state, step
+from cdrj_ros.estimation.estimator import Sample, initial_state
 from cdrj_ros.estimation.model_error import unmodelled
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.evaluation.estimating import estimate
@@ -149,8 +149,8 @@ def test_a_slack_cable_has_a_spread():
     model = prepare(parse_robot(SLACK))
     ensemble = Ensemble(model)
     sample = Sample(1, np.array([-1.0]), np.zeros(0))  # paid out by 10 mm
-    _, estimate = step(model, initial_state(model), sample)
-    stddev = ensemble.update(sample, estimate)
+    _, estimate = ensemble.step(initial_state(model), sample)
+    stddev = estimate.stddev
     assert estimate.tension.tolist() == [0.0, 0.0]
     assert stddev[:2].tolist() == [0.2, 0.2]
     assert stddev[2] == pytest.approx(0.2 * np.sqrt(2.0))  # the force on a pulley wrapped by 90°
@@ -171,8 +171,7 @@ def test_the_models_error_is_in_the_standard_deviation():
     found = []
     for one in (taut, text):
         model = prepare(parse_robot(one))
-        _, estimate = step(model, initial_state(model), sample)
-        found.append(Ensemble(model).update(sample, estimate))
+        found.append(Ensemble(model).step(initial_state(model), sample)[1].stddev)
     assert np.sqrt(found[1][:2] ** 2 - found[0][:2] ** 2) == pytest.approx(0.7)
 
 
