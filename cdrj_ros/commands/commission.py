@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unmoved, unusual
+from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unlikely, unmoved, unusual
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
 from cdrj_ros.commands.commission_steps import Commissioned, Measured, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
@@ -128,11 +128,11 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
             words = [given] if isinstance(given, str) else given
             on = name == "rest" and not arguments.yes
             given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
-        now = now.also(**{name: _measured(now, name, given, topics)})
+        before, now = now, now.also(**{name: _measured(now, name, given, topics)})
         if name in ("motion", "cells") and (pair := swapped(now)):
             raise UsageError(SWAPPED.format(*pair))
         known = judged(now.model, now.heard)
-        for note in _notes(now, suspected=bool(arguments.preload)):
+        for note in (*unlikely(before, now), *_notes(now, suspected=bool(arguments.preload))):
             say(f"note: {note}")
         say(f"{name}: {words_of(known)}")
     text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text

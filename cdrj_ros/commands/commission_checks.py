@@ -6,7 +6,7 @@ readings of a spring scale that were noted for each other's cables.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from typing import Final
 
@@ -20,6 +20,7 @@ from cdrj_ros.identification.parts import PartFit
 from cdrj_ros.model.packing import EFFORT, channel_columns
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.parameters import find_number
 
 OPPOSITE: Final = -1.0 / 3.0
 """Ratio of efforts below which their sign is wrong: that of a cable never changes."""
@@ -40,7 +41,14 @@ MOVED: Final = 0.5
 """Share of a joint's range from which a motion shows what depends on its angle."""
 
 UNUSUAL: Final = 3.0
-"""A number that a fit moves by so many of its standard deviations is reported."""
+"""A number that a measurement or a fit moves by so many of its standard deviations is reported."""
+
+MEASURED: Final[Mapping[str, str]] = {
+    "reference_angle": "does --rest begin in the reference pose?",
+    "preload": "is --preload of this cable, and in N?",
+    "radius": "does --drum give the diameter, in mm?",
+}
+"""What may be wrong with a measurement that moves a number far, by the number's key."""
 
 
 def refuse_efforts(model: Model, recorded: Recorded) -> None:
@@ -104,6 +112,19 @@ def _worst(fits: Sequence[PartFit]) -> float:
     """The largest deviation: residual over noise, or change of a number over its deviation."""
     left = [one.rms / one.noise for fit in fits for one in fit.found.unexplained.values()]
     return max([*left, *(float(np.abs(fit.found.values).max(initial=0.0)) for fit in fits)])
+
+
+def unlikely(before: Commissioned, now: Commissioned) -> Iterator[str]:
+    """Numbers that the last measurement has moved far from what the file knew of them."""
+    robot, measured = before.model.robot, dict(now.unfitted.robot.document)
+    known = robot.uncertainty.stddev if robot.uncertainty else {}
+    for path in sorted((now.origins.keys() - before.origins.keys()) & known.keys()):
+        was, is_now = find_number(dict(robot.document), path), find_number(measured, path)
+        if abs(is_now.value - was.value) > UNUSUAL * known[path] > 0.0:
+            yield (
+                f"{path} is {is_now.value:.4g} now, the file has {was.value:.4g} +- "
+                f"{known[path]:.2g}: {MEASURED[was.key]}"
+            )
 
 
 def unusual(fit: PartFit) -> list[str]:

@@ -10,7 +10,7 @@ from support.fingers import finger, hand
 
 from cdrj_ros.commands import commission
 from cdrj_ros.commands import commission_steps as steps
-from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unmoved
+from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unlikely, unmoved
 from cdrj_ros.commands.commission_judged import Judged
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.errors import UsageError
@@ -165,3 +165,18 @@ def test_a_joint_without_encoder_needs_a_sensor_for_a_fit():
     document["joints"] = [{**one, "measured": one["name"] != "a_pip"} for one in document["joints"]]
     with pytest.raises(UsageError, match=r"record a_pip by a sensor .* measured: false out of"):
         steps.begin(yaml.safe_dump(document), "finger")
+
+
+def test_a_measurement_that_is_unlike_the_file_is_named_with_what_may_be_wrong():
+    robot = hand(finger("a"))
+    text = yaml.safe_dump(dict(robot.document))
+    before = steps.begin(text, "finger")
+
+    def said(**measured):
+        return list(unlikely(before, before.also(**measured)))
+
+    assert not said(drum={"a_motor0": 2.0 * RADIUS})
+    words = said(drum={"a_motor0": RADIUS})
+    assert words
+    assert all(f"{0.5 * RADIUS:.4g} now, the file has {RADIUS:.4g} +- " in one for one in words)
+    assert all(one.endswith("does --drum give the diameter, in mm?") for one in words)
