@@ -100,14 +100,14 @@ def moved(robot, seed):
     else:
         joints = np.stack(
             [
-                random(0.4 * (joint.upper - joint.lower), 0.3, seed + 100 * k, 0.5)(time)
+                random(0.4 * (joint.upper - joint.lower), 0.3, seed + 100 * k)(time - 0.5)
                 for k, joint in enumerate(robot.joints)
             ],
             axis=1,
         )
         motors = follow_joints(prepare(robot), joints).motor_angle
         for k in range(len(robot.motors)):  # a controller changes the tensions by some 4 N
-            motors[:, k] += random(PULL, 0.5, seed + 1000 + k, 0.5)(time)
+            motors[:, k] += random(PULL, 0.5, seed + 1000 + k)(time - 0.5)
     return _read(robot, time, joints, motors)
 
 

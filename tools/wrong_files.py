@@ -324,7 +324,7 @@ def count_alarms(hours, seeds=6):
     model = load_model(ROBOT)
     for seed in range(seeds):
         time = np.arange(0.0, 3600.0 * hours / seeds, 1.0 / RATE)
-        angle = random(np.radians(38.0), 0.5, seed, 1.0)(time)
+        angle = random(np.radians(38.0), 0.5, seed)(time - 1.0)
         torque = make_load("rolling").torque(*differences(time, angle))
         truth = simulate(model.robot, time, angle, torque, 20.0, cells=4, allow_slack=True)
         stamps = 1_000_000_000 + np.round(time * 1e9).astype(np.int64)

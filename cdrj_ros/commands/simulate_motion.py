@@ -115,14 +115,13 @@ def make_plan(
     motions = _motions(swings, arguments)
     duration = 60.0 if arguments.duration is None else arguments.duration
     time = np.arange(round(duration * TRUTH_RATE) + 1) / TRUTH_RATE
-    joints = _prescribed(robot, time, motions)
+    joints = _prescribed(robot, time - DWELL_S, swings, motions)
     speed = rig.drives.get("max_speed", USUAL_SPEED)
     acceleration = rig.drives.get("max_acceleration", SPEEDING_UP * speed)
     limits = (speed, acceleration) if mode == "balance" else (np.inf, np.inf)
     slower, because = _slower(model, time, joints, *limits)
     if slower > 1.0:
-        moving = np.maximum(time - DWELL_S, 0.0) / slower
-        joints = _prescribed(robot, np.minimum(time, DWELL_S) + moving, motions)
+        joints = _prescribed(robot, (time - DWELL_S) / slower, swings, motions)
     load = rig.load.made(usual_load(robot, moved), USUAL_PAYLOAD, damping=0.0)
     rule = {
         "cells": arguments.cells, "joint": moved, "faults": rig.faults,
@@ -171,35 +170,29 @@ def _slower(
     )
 
 
-def _prescribed(robot: Robot, time: Vector, motions: dict[int, motion.Motion]) -> Table:
-    """Angles of all joints, those without a motion in the reference pose; shape (n, joints)."""
+def _prescribed(
+    robot: Robot, time: Vector, swings: Sequence[Swing], motions: Sequence[motion.Motion]
+) -> Table:
+    """Angles of all joints, those without a swing in the reference pose; shape (n, joints)."""
     joints = np.tile(robot.reference_pose, (time.size, 1))
-    for index, move in motions.items():
-        angle = move(time)
-        joint = robot.joints[index]
+    for swing, move in zip(swings, motions, strict=True):
+        angle, joint = swing.centre + move(time), robot.joints[swing.joint]
         if angle.min() < joint.lower or angle.max() > joint.upper:
             raise UsageError(
                 f"the motion of {joint.name} goes from {angle.min():.4g} to {angle.max():.4g}, "
                 f"out of its range [{joint.lower:.4g}, {joint.upper:.4g}]"
             )
-        joints[:, index] = angle
+        joints[:, swing.joint] = angle
     return joints
 
 
-def _motions(swings: Sequence[Swing], arguments: argparse.Namespace) -> dict[int, motion.Motion]:
-    """The motion of every moving joint."""
+def _motions(swings: Sequence[Swing], arguments: argparse.Namespace) -> list[motion.Motion]:
+    """The motion of every moving joint about its centre."""
     frequencies = numbers("frequency", arguments.frequency, len(swings), 1e-4, 50.0)
-    return {
-        swing.joint: motion.named_motion(
-            arguments.motion,
-            swing.amplitude,
-            frequency,
-            arguments.seed + 1000 * k,
-            DWELL_S,
-            swing.centre,
-        )
+    return [
+        motion.named_motion(arguments.motion, swing.amplitude, frequency, arguments.seed + 1000 * k)
         for k, (swing, frequency) in enumerate(zip(swings, frequencies, strict=True))
-    }
+    ]
 
 
 def _swings(

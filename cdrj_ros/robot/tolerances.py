@@ -357,12 +357,11 @@ def _drawn(dimension: float) -> float:
 
 
 def _position(path: str, entry: Mapping[str, Any], name: str) -> Iterator[Tolerance]:
-    if path.rsplit(".", 1)[-1] in entry:
-        for k, axis in zip(range(len(entry[path.rsplit(".", 1)[-1]])), "xyz", strict=False):
-            yield Tolerance(
-                f"position {axis} of {name}", "measure it with a calliper",
-                {f"{path}.{k + 1}": DRAWN_RADIUS},
-            )  # fmt: skip
+    for k, _ in enumerate(entry.get(path.rsplit(".", 1)[-1], ())):
+        yield Tolerance(
+            f"position {'xyz'[k]} of {name}", "measure it with a calliper",
+            {f"{path}.{k + 1}": DRAWN_RADIUS},
+        )  # fmt: skip
 
 
 def _drums(document: Document) -> Iterator[Tolerance]:

@@ -403,10 +403,11 @@ def _angle_of(axis: Joint, kind: motion.MotionKind, seed: int) -> Callable[[Vect
     if most < AT_AN_END * (axis.upper - axis.lower):
         centre, begin = 0.5 * (axis.lower + axis.upper), BEGIN_S + APPROACH_S
         most = 0.5 * (axis.upper - axis.lower)
-    move = motion.named_motion(kind, SHARE * most, FREQUENCY_HZ, seed, begin, centre)
+    move = motion.named_motion(kind, SHARE * most, FREQUENCY_HZ, seed)
     away = axis.reference_angle - centre
 
     def angle(time: Vector) -> Vector:
-        return move(time) + away * (1.0 - motion.smooth_step((time - BEGIN_S) / APPROACH_S))
+        left = away * (1.0 - motion.smooth_step((time - BEGIN_S) / APPROACH_S))
+        return centre + left + move(time - begin)
 
     return angle

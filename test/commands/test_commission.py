@@ -40,7 +40,7 @@ def moved(seed):
     document = load_document(PROTOTYPE)[0]
     robot = build_robot(with_numbers(document, TRUTH), "truth")
     time = np.arange(0.0, 25.0, 1.0 / RATE)
-    angle = random(np.radians(33.0), 0.4, seed, 0.5)(time)
+    angle = random(np.radians(33.0), 0.4, seed)(time - 0.5)
     torque = make_load("rolling").torque(*differences(time, angle))
     truth = simulate(robot, time, angle, torque, 20.0, allow_slack=True)
     readings = {

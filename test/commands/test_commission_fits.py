@@ -133,7 +133,7 @@ def test_the_share_of_ok_that_is_foretold_comes_on_another_motion(known, narrow)
     model = prepare(build_robot({**document, "uncertainty": entry}, "finger"))
     robot = build_robot(with_numbers(document, dict.fromkeys(paths, 12.12)), "truth")
     time = np.arange(0.0, 20.0, 0.02)
-    joints = np.stack([random(0.4, 0.3, seed, 0.5, 0.5)(time) for seed in (1, 2)], axis=1)
+    joints = np.stack([0.5 + random(0.4, 0.3, seed)(time - 0.5) for seed in (1, 2)], axis=1)
     motors = follow_joints(prepare(robot), joints).motor_angle
     truth = simulate(robot, time, joints, motor_angle=motors, cells=4, allow_slack=True)
     node, ok = Estimator(model), []

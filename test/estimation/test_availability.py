@@ -47,7 +47,7 @@ def test_joints_that_move_together_have_status_0(name, hertz, tmp_path):
         columns = []
         for k, joint in enumerate(model.robot.joints):
             width, centre = joint.upper - joint.lower, 0.5 * (joint.lower + joint.upper)
-            columns.append(motion.sine(share * width, hertz * (1.0 + 0.1 * k), 0.0, centre)(time))
+            columns.append(centre + motion.sine(share * width, hertz * (1.0 + 0.1 * k))(time))
         return np.column_stack(columns)
 
     course = course_of(model, 6.0, angle)

@@ -58,7 +58,7 @@ def swing(model, hertz=0.3):
         for k, joint in enumerate(model.robot.joints):
             centre = 0.5 * (joint.lower + joint.upper)
             amplitude = 0.35 * (joint.upper - joint.lower)
-            columns.append(motion.sine(amplitude, hertz * (1.0 + 0.13 * k), 0.0, centre)(time))
+            columns.append(centre + motion.sine(amplitude, hertz * (1.0 + 0.13 * k))(time))
         return np.column_stack(columns)
 
     return angle

@@ -45,7 +45,7 @@ def fitted_with(count):
     """A finger that is as its file says, moved at random, with joints read in counts [rad]."""
     robot = hand(finger("a"))
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
-    angles = np.stack([random(0.4, 0.5, seed, 0.5)(time) for seed in (3, 4)], axis=1) + 0.5
+    angles = np.stack([random(0.4, 0.5, seed)(time - 0.5) for seed in (3, 4)], axis=1) + 0.5
     motors = follow_joints(prepare(robot), angles).motor_angle
     truth = simulate(robot, time, angles, motor_angle=motors, allow_slack=True)
     stamps = 1_700_000_000_000_000_000 + np.round(time * 1e9).astype(np.int64)

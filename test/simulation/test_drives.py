@@ -17,7 +17,7 @@ TIME = np.arange(3_001) / 1000.0
 
 def _moving(robot, share=0.5):
     joints = [
-        sine(share * joint.upper, 0.4 + 0.1 * k, 0.2, joint.reference_angle)(TIME)
+        joint.reference_angle + sine(share * joint.upper, 0.4 + 0.1 * k)(TIME - 0.2)
         for k, joint in enumerate(robot.joints)
     ]
     return np.stack(joints, axis=1)
@@ -67,7 +67,7 @@ def test_a_cable_that_no_motor_can_follow_is_named_and_stretches(robots):
 def test_several_motors_balance_one_joint_together(robots):
     robot = robots.finger()
     joints = np.zeros((TIME.size, 2))
-    joints[:, 1] = sine(0.2, 0.5, 0.2)(TIME)
+    joints[:, 1] = sine(0.2, 0.5)(TIME - 0.2)
     load = make_load("pendulum", 0.05)
     torque = load.torque(*differences(TIME, joints[:, 1]))
     truth = simulate(robot, TIME, joints, torque, joint=1, cells=4, motor_acceleration=1e4)
@@ -82,7 +82,7 @@ def test_several_motors_balance_one_joint_together(robots):
 
 def test_a_weight_is_balanced_wherever_it_starts(robots):
     robot = robots.hoist()
-    height = 0.3 + sine(0.05, 0.5, 0.2)(TIME)
+    height = 0.3 + sine(0.05, 0.5)(TIME - 0.2)
     load = make_load("lift", 2.0)
     truth = simulate(robot, TIME, height, load.torque(*differences(TIME, height)), cells=4)
     weight = 2.05 * 9.81
@@ -94,7 +94,7 @@ def test_a_weight_is_balanced_wherever_it_starts(robots):
 
 def test_a_motor_keeps_to_its_limits_and_the_motion_waits_for_it(robots):
     robot = robots.prototype()
-    angle = sine(0.5, 0.5, 0.2)(TIME)
+    angle = sine(0.5, 0.5)(TIME - 0.2)
     torque = make_load("rolling", 0.3, gravity=0.0).torque(*differences(TIME, angle))
     fast = simulate(robot, TIME, angle, torque, 60.0, cells=2)
     slow = simulate(robot, TIME, angle, torque, 2.0, cells=2, motor_acceleration=30.0)

@@ -13,7 +13,7 @@ from cdrj_ros.simulation.motion import sine
 from cdrj_ros.simulation.truth import simulate
 
 TIME = np.arange(6_001) / 1000.0
-ANGLE = sine(np.radians(25.0), 0.2, 0.5)(TIME)
+ANGLE = sine(np.radians(25.0), 0.2)(TIME - 0.5)
 AT = 3.0
 BEFORE, AFTER = TIME < AT, AT + Slack.duration_s < TIME
 LOWER, UPPER = slice(8, 16), slice(0, 8)

@@ -70,7 +70,7 @@ def test_friction_and_damping_only_dissipate_energy(robots):
 def test_forward_dynamics_return_the_motion_that_was_balanced(robots):
     robot = robots.prototype()
     time = np.arange(3_001) / 1000.0
-    angle = sine(0.3, 0.5, 0.2)(time)
+    angle = sine(0.3, 0.5)(time - 0.2)
     torque = LOAD.torque(*differences(time, angle))
     inverse = simulate(robot, time, angle, torque, cells=4, motor_speed=1e3)
     forward = simulate(robot, time, motor_angle=inverse.motor_angle, load=LOAD, cells=4)

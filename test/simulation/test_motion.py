@@ -5,15 +5,15 @@ import pytest
 
 from cdrj_ros.simulation import motion
 
-AMPLITUDE, FREQUENCY, BEGIN, CENTRE = 0.6, 0.5, 0.5, 0.1
+AMPLITUDE, FREQUENCY, BEGIN = 0.6, 0.5, 0.5
 TIME = np.arange(12_001) / 1000.0
 
 
 @pytest.mark.parametrize("kind", motion.MOTIONS)
 def test_a_motion_rests_until_it_begins_and_uses_its_range_without_jumps(kind):
-    angle = motion.named_motion(kind, AMPLITUDE, FREQUENCY, 7, BEGIN, CENTRE)(TIME)
-    assert not np.any(angle[TIME <= BEGIN] - CENTRE)
-    assert np.abs(angle - CENTRE).max() <= AMPLITUDE * (1.0 + 1e-9)
+    angle = motion.named_motion(kind, AMPLITUDE, FREQUENCY, 7)(TIME - BEGIN)
+    assert not np.any(angle[TIME <= BEGIN])
+    assert np.abs(angle).max() <= AMPLITUDE * (1.0 + 1e-9)
     assert np.ptp(angle) > 0.8 * AMPLITUDE
     speed = np.diff(angle) * 1000.0
     assert np.abs(np.diff(speed)).max() < 0.05 * np.abs(speed).max(), "the speed is continuous"

@@ -71,7 +71,7 @@ def watch(preload, load_kg, motion, duration, step_s=1e-3, motor_speed=60.0):
     robot = model.robot
     assert {cable.slack_tension for cable in robot.cables} == {SLACK_N}
     time = step_s * np.arange(round(duration / step_s))
-    angle = motion(time)
+    angle = motion(time - 1.0)
     load = make_load("rolling", load_kg)
     torque = load.torque(*differences(time, angle))
     truth = simulate(robot, time, angle, torque, motor_speed, 2, allow_slack=True)
@@ -96,7 +96,7 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
     frequency, duration, changes
 ):
     # 0.9 kg: the lower cable cannot keep its tension
-    watched = watch(LOW, 0.9, sine(AMPLITUDE, frequency, 1.0), duration, 2e-3, motor_speed=20.0)
+    watched = watch(LOW, 0.9, sine(AMPLITUDE, frequency), duration, 2e-3, motor_speed=20.0)
     slack = watched.slack
     assert np.count_nonzero(slack[1:] & ~slack[:-1]) >= changes
     assert not watched.flags[:, :8].any()  # the upper cable stays taut and is never flagged
@@ -106,7 +106,7 @@ def test_flag_and_truth_differ_only_within_twenty_milliseconds_of_a_change(
 
 def test_no_alarm_in_a_minute_of_a_motion_that_leaves_every_cable_nearly_slack_but_taut():
     """Truth every 6 ms, encoders at 1000 and 500 Hz; nothing repeats."""
-    watched = watch(LOW, 0.6, random(AMPLITUDE, 1.0, 1, 1.0), 60.0, step_s=6e-3)
+    watched = watch(LOW, 0.6, random(AMPLITUDE, 1.0, 1), 60.0, step_s=6e-3)
     assert COUNT_N < watched.tension.min() < COUNT_N + 1.0
     assert watched.seen_at[-1] > 59.9
     assert not watched.flags.any()
