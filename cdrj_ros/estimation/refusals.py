@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
-from math import ceil, degrees, isfinite, radians
+from itertools import combinations, pairwise
+from math import ceil, isfinite, radians
 from typing import Final
 
 import numpy as np
 
 from cdrj_ros._core import MAX_GAP_NS
 from cdrj_ros.estimation.ensemble import UNSURE_SHARE
+from cdrj_ros.estimation.verdict_words import swap
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.output import listed, printable
 from cdrj_ros.robot.description import Joint, Robot
@@ -73,11 +74,11 @@ def refusal_words(counts: Mapping[str, int], sizes: Sizes, robot: Robot) -> str:
     for cause, count in sorted(counts.items(), key=lambda item: -item[1]):
         if not count:
             continue
-        named = [
-            _sized(cause, axis, of_axis[cause], robot)
-            for axis, of_axis in sizes.items()
-            if cause in of_axis
-        ]
+        own = {axis: of_axis[cause] for axis, of_axis in sizes.items() if cause in of_axis}
+        if cause == "out_of_range":
+            named = range_words(robot, own)
+        else:
+            named = [_sized(cause, axis, size, robot) for axis, size in own.items()]
         parts = [f"{count} {cause} ({REFUSALS.get(cause, cause)})", listed(named, SHOWN)]
         said = ": ".join(part for part in parts if part)
         words.append(", ".join(part for part in (said, REMEDIES.get(cause, "")) if part))
@@ -90,28 +91,63 @@ def _sized(cause: str, name: str, size: float, robot: Robot) -> str:
     if cause in ("late", "future") and size != 0.0:
         return f"{shown} by {abs(size):.3g} s"
     (axis,) = (one for one in robot.as_read.axes if one.name == name)
-    if cause == "out_of_range" and isinstance(axis, Joint):
-        return range_words(axis, size, slides=axis.name in robot.prismatic_joints)
     if cause == "implausible" and isfinite(size):
         return f"{shown} at {abs(size):.4g} rad/s, max_speed is {axis.max_speed:.4g}"
     return shown
 
 
-def range_words(joint: Joint, angle: float, *, slides: bool) -> str:
-    """A joint outside of its range, and the unit or sign that may explain it."""
-    hint, beyond = "", max(joint.lower - angle, angle - joint.upper)
+def range_words(robot: Robot, angles: Mapping[str, float]) -> list[str]:
+    """Joints outside of their ranges, and what may explain one, or two of them.
+
+    Args:
+        robot: gives ranges and sensors.
+        angles: by joint [rad] or [m].
+    """
+    outside = [one for one in robot.as_read.joints if one.name in angles]
+    words = [
+        swap(printable(first.name), printable(second.name))
+        for first, second in combinations(outside, 2)
+        if all(_beyond(one, angles[one.name]) > BESIDE for one in (first, second))
+        and _beyond(second, _at(second, _read(first, angles[first.name]))) <= 0.0
+        and _beyond(first, _at(first, _read(second, angles[second.name]))) <= 0.0
+    ]
+    for joint in outside:
+        angle, slides = angles[joint.name], joint.name in robot.prismatic_joints
+        hint = _unit_or_sign(joint, angle, slides=slides)
+        words.append(
+            f"joint {printable(joint.name)} at {angle:.4g}, its range is {joint.lower:.4g} to "
+            f"{joint.upper:.4g}{hint}"
+        )
+    return words
+
+
+def _unit_or_sign(joint: Joint, angle: float, *, slides: bool) -> str:
+    """The unit or sign that may explain an angle outside of the range; empty if none does."""
     unit, words = (1e-3, "mm? scale: 0.001") if slides else (radians(1.0), "degrees? scale_deg: 1")
     far = abs(angle) > FAR * max(abs(joint.lower), abs(joint.upper))
     if far and joint.lower <= unit * angle <= joint.upper:
-        hint = f": in {words}; or another axis's name?"
-    elif joint.sensor.scale == radians(1.0) and joint.lower <= degrees(angle) <= joint.upper:
-        hint = ": in radians? scale: 1 in place of scale_deg"
-    elif joint.lower <= -angle <= joint.upper and beyond > BESIDE * (joint.upper - joint.lower):
-        hint = f": the other way? scale: {-joint.sensor.scale:.4g}"
-    return (
-        f"joint {printable(joint.name)} at {angle:.4g}, its range is {joint.lower:.4g} to "
-        f"{joint.upper:.4g}{hint}"
-    )
+        return f": in {words}; or another axis's name?"
+    in_radians = joint.sensor.offset + _read(joint, angle)
+    if joint.sensor.scale == radians(1.0) and joint.lower <= in_radians <= joint.upper:
+        return ": in radians? scale: 1 in place of scale_deg"
+    if joint.lower <= -angle <= joint.upper and _beyond(joint, angle) > BESIDE:
+        return f": the other way? scale: {-joint.sensor.scale:.4g}"
+    return ""
+
+
+def _beyond(joint: Joint, angle: float) -> float:
+    """How far an angle is beyond the range, as a share of it; at most 0 inside."""
+    return max(joint.lower - angle, angle - joint.upper) / (joint.upper - joint.lower)
+
+
+def _read(joint: Joint, angle: float) -> float:
+    """The published position of an angle, but for a correction."""
+    return (angle - joint.sensor.offset) / joint.sensor.scale
+
+
+def _at(joint: Joint, position: float) -> float:
+    """The angle of a published position, but for a correction."""
+    return joint.sensor.offset + joint.sensor.scale * position
 
 
 def clocks_apart(ahead: Mapping[str, int]) -> str:

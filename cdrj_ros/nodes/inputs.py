@@ -206,13 +206,13 @@ def _heard_on(topic: InputTopic, unheard: Sequence[str], robot: Robot) -> str:
         if hint := naming_hint(names, missing, robot.document):
             parts.append(hint[: 2 * LONG])
     at = dict(zip(names, topic.last.positions, strict=False))  # a message may have none
-    for joint in robot.joints:
+    outside = {}
+    for joint in robot.as_read.joints:
         if joint.name in at and isfinite(at[joint.name]):
             angle = axis_of(joint).angle_near(float(at[joint.name]), joint.reference_angle)
             if not joint.lower <= angle <= joint.upper:
-                slides = joint.name in robot.prismatic_joints
-                parts.append(range_words(joint, angle, slides=slides))
-    return f"{topic.topic}: {', '.join(parts)}"
+                outside[joint.name] = angle
+    return f"{topic.topic}: {', '.join([*parts, *range_words(robot, outside)])}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -267,25 +267,42 @@ def test_of_explanations_that_are_as_good_one_stays(truth):
 
 
 def test_a_sliding_joint_far_beyond_its_range_may_be_in_millimetres():
-    (slide,) = parse_robot(
-        "{name: r, motors: [{name: m}], joints: [{name: q, range: [0, 0.2]}], cables: [{name: c,"
-        " axial_stiffness: 1000, preload: 10, spans: [{joint: q, offset: 0.3, slope: 1}], nodes:"
-        " [{type: winch, motor: m, winding: 1, radius: 0.01}, {type: anchor}]}]}"
-    ).joints
+    robot = parse_robot(
+        "{name: r, motors: [{name: m}], joints: [{name: q, range: [0, 0.2]}],"
+        " frames: [{name: f, motion: prismatic, joint: q}], cables: [{name: c,"
+        " axial_stiffness: 1000, preload: 10, nodes: [{type: winch, motor: m, winding: 1,"
+        " radius: 0.01, position: [-0.3, 0], turn: cw},"
+        " {type: anchor, frame: f, position: [0, 0]}]}]}"
+    )
     words = "joint q at 120, its range is 0 to 0.2: in mm? scale: 0.001; or another axis's name?"
-    assert range_words(slide, 120.0, slides=True) == words
-    assert "degrees" in range_words(slide, 10.0, slides=False)
+    assert range_words(robot, {"q": 120.0}) == [words]
 
 
 def test_a_joint_whose_file_reads_degrees_may_be_published_in_radians():
-    (bent,) = parse_robot(
-        "{name: r, motors: [{name: m}], joints: [{name: q, scale_deg: 1, range_deg: [-70, -20],"
-        " reference_angle_deg: -40}], cables: [{name: c, axial_stiffness: 1000, preload: 10,"
+    robot = parse_robot(
+        "{name: r, motors: [{name: m}], joints: [{name: q, scale_deg: 1, offset_deg: 1,"
+        " range_deg: [-70, -20], reference_angle_deg: -40}],"
+        " cables: [{name: c, axial_stiffness: 1000, preload: 10,"
         " spans: [{joint: q, offset: 0.3, slope: 0.01}],"
         " nodes: [{type: winch, motor: m, winding: 1, radius: 0.01}, {type: anchor}]}]}"
-    ).joints
-    read = np.radians(-0.7)  # by the file's scale, of an angle of -0.7 rad
-    assert range_words(bent, read, slides=False).endswith(
-        "-0.3491: in radians? scale: 1 in place of scale_deg"
     )
-    assert not range_words(bent, np.radians(-10.0), slides=False).endswith("scale_deg")
+    read = np.radians(-0.7 + 1.0)  # by the file's scale and offset, of an angle of -0.7 rad
+    (words,) = range_words(robot, {"q": read})
+    assert words.endswith("-0.3491: in radians? scale: 1 in place of scale_deg")
+    (words,) = range_words(robot, {"q": np.radians(-10.0)})
+    assert words.endswith("-0.3491")
+
+
+def test_two_joints_that_fit_only_each_others_ranges_are_named_as_a_swap():
+    robot = parse_robot(
+        "{name: r, motors: [{name: m}], "
+        "joints: [{name: hip, scale: 0.1, range: [-0.5, 0.5]},"
+        " {name: knee, scale: -0.1, range: [-1.2, -0.7], reference_angle: -0.8}],"
+        " cables: [{name: c, axial_stiffness: 1000, preload: 10,"
+        " spans: [[{joint: knee, offset: 0.3, slope: 0.01}, {joint: hip, slope: 0.01}]],"
+        " nodes: [{type: winch, motor: m, winding: 1, radius: 0.01}, {type: anchor}]}]}"
+    )
+    swapped, *_ = range_words(robot, {"hip": 0.8, "knee": -0.3})  # hip 0.3, knee -0.8
+    assert swapped == "the readings of hip and knee seem to be swapped: exchange their names"
+    for other in ({"hip": 0.8}, {"hip": -0.8, "knee": -0.3}, {"hip": 0.8, "knee": -0.65}):
+        assert not any("swapped" in one for one in range_words(robot, other)), other
