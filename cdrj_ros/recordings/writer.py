@@ -107,18 +107,16 @@ class BagWriter:
         names: Sequence[str],
         tension: ArrayLike,
         stddev: ArrayLike | None = None,
-        status: ArrayLike | None = None,
         *,
         log_ns: ArrayLike | None = None,
-        frame_id: str = "",
     ) -> None:
-        """Add cdrj_msgs/CableTensions [N]; stamps (n,), arrays (n, len(names)).
+        """Add cdrj_msgs/CableTensions [N] that are OK; stamps (n,), arrays (n, len(names)).
 
-        `stddev` of None is written as empty (unknown), `status` of None as OK.
+        `stddev` of None is written as empty (unknown).
         """
-        status = np.zeros(np.shape(tension), np.uint8) if status is None else status
+        status = np.zeros(np.shape(tension), np.uint8)
         arrays = {"tension": tension, "stddev": stddev, "status": status}
-        self.write(CABLE_TENSIONS, topic, stamp_ns, names, arrays, log_ns, frame_id)
+        self.write(CABLE_TENSIONS, topic, stamp_ns, names, arrays, log_ns, "")
 
     def write_nodal_forces(
         self,

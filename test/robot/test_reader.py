@@ -148,6 +148,8 @@ REFUSED = {
     "reference outside": ("range: [-1, 1]", "range: [-1, 1]\n    reference_angle: 2", "joints[0].reference_angle must lie in the range [-1, 1]", "got 2"),
     "mu_s below mu_c": ("mu_c: 0.1", "mu_c: 0.1\n  mu_s: 0.05", "friction.mu_s must be at least mu_c = 0.1", "got 0.05"),
     "no stribeck_speed": ("mu_c: 0.1", "mu_c: 0.1\n  mu_s: 0.2", "friction.stribeck_speed is missing", "must be given"),
+    "no scale of bedding": ("preload: 5", "preload: 5\n    bedding_strain: 0.002", "cables[0].bedding_tension is missing", "tension [N] at which half"),
+    "no scale of creep": ("preload: 5", "preload: 5\n    creep_share: 0.1", "cables[0].creep_time is missing", "time constant [s] must be given"),
     "law of a pulley": (WRAP, f"{WRAP}, friction: {{law: lugre}}", "cables[0].nodes[1].friction.law", "same for a whole cable"),
     "stiffness twice": ("axial_stiffness: 1000", "axial_stiffness: 1000\n    diameter: 0.1", "cables[0] needs either axial_stiffness", "diameter"),
     "winch inside": ("- {type: pulley, radius: 0.02, w", "- {type: anchor}\n      - {type: pulley, radius: 0.02, w", "cables[0].nodes[1].type must be pulley between the ends", "got anchor"),

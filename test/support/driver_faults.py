@@ -22,14 +22,11 @@ class Message(NamedTuple):
     positions: tuple[float, ...]
 
 
-def messages_of(model, course, hertz, noise=None):
-    """What sensors of the file's resolution, and of such noise [rad], send."""
+def messages_of(model, course, hertz):
+    """What sensors of the file's resolution send."""
     rows = np.arange(0, len(course.angle), 1000 // hertz)
     angle = course.angle[rows]
-    generator = np.random.default_rng(11)
     for k, axis in enumerate(model.robot.axes):
-        if noise is not None and axis.name in noise:
-            angle[:, k] += generator.normal(0.0, noise[axis.name], rows.size)
         if axis.sensor.resolution > 0.0:
             angle[:, k] = axis.sensor.resolution * np.round(angle[:, k] / axis.sensor.resolution)
     return [
@@ -84,14 +81,14 @@ def zeroed(axes, begin_s, gap_s):
     return spoil
 
 
-def second(value=0.0, *, first=True, every=1, begin_s=0.0):
+def second(value=0.0, *, first=True, begin_s=0.0):
     """Another publisher sends one value for all axes, with the very same stamps."""
 
     def spoil(messages):
         found = []
-        for k, message in enumerate(messages):
+        for message in messages:
             other = message._replace(positions=(value,) * len(message.names))
-            if k % every or (message.stamp_ns - START) * 1e-9 < begin_s:
+            if (message.stamp_ns - START) * 1e-9 < begin_s:
                 found.append(message)
             else:
                 found += [other, message] if first else [message, other]

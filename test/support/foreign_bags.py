@@ -118,16 +118,16 @@ def attempt(read):
         return None, str(error)
 
 
-def check_whole(path, count=COUNT):
+def check_whole(path):
     """Check that every way of reading returns all messages of `swing`; returns the notes."""
     read = read_recording(path, ONE_TOPIC)
-    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(count))
-    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(count))
-    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(count))
+    np.testing.assert_array_equal(read.motors["motor"].value, np.arange(COUNT))
+    np.testing.assert_array_equal(read.joints["joint"].value, -np.arange(COUNT))
+    np.testing.assert_array_equal(read.references["effort/motor"].value, 2 * np.arange(COUNT))
     assert read.malformed == {TOPIC: 0}
     times = [message.log_ns for message in read_messages(path, [TOPIC])]
     assert times == sorted(times)
-    assert len(times) == count
+    assert len(times) == COUNT
     return read.notes
 
 
