@@ -283,8 +283,23 @@ def require_references(path: str, topics: Topics | Columns, recording: Recording
     Raises:
         BagError: it has none; the message lists the topics that may have them.
     """
-    if not recording.references:
-        raise _no_references(path, topics, recording)
+    if recording.references:
+        return
+    if isinstance(topics, Columns) or recording.is_table:
+        raise BagError(f"{path} holds no references; name columns of tensions or efforts")
+    if refused := [note for note in recording.notes if _MALFORMED in note]:
+        raise BagError(f"{path} holds no references; {'; '.join(refused)}")
+    own = (topics.motors, topics.joints, *map(standard.in_namespace, _NO_REFERENCES))
+    listed = ", ".join(
+        f"{printable(name)} ({channel.msgtype.rpartition('/')[2]})"
+        for name, channel in sorted(open_source(recording.path).channels().items())
+        if channel.msgtype in REFERENCE_ARRAYS and not name.endswith(own)
+    )
+    raise BagError(
+        f"{path} holds no references; name their topics with --reference (CableTensions, "
+        f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}; "
+        f"efforts that the motors publish themselves: --reference {topics.motors}"
+    )
 
 
 def references_in(
@@ -297,7 +312,7 @@ def references_in(
     """
     references = _windowed(recording, window)
     if not references:
-        raise _no_references(path, Topics(), recording)
+        raise BagError(f"{path} holds no references in that time")
     require_samples(path, model.robot, conditioned)
     return references
 
@@ -356,26 +371,6 @@ def duration_s(recording: Recording, window: Window) -> float:
     begin, end = window
     length = (recording.end_ns - recording.start_ns) * 1e-9
     return max(min(length, end) - begin, 0.0)
-
-
-def _no_references(path: str, topics: Topics | Columns, recording: Recording) -> BagError:
-    if recording.references:
-        return BagError(f"{path} holds no references in that time")
-    if isinstance(topics, Columns) or recording.is_table:
-        return BagError(f"{path} holds no references; name columns of tensions or efforts")
-    if refused := [note for note in recording.notes if _MALFORMED in note]:
-        return BagError(f"{path} holds no references; {'; '.join(refused)}")
-    own = (topics.motors, topics.joints, *map(standard.in_namespace, _NO_REFERENCES))
-    listed = ", ".join(
-        f"{printable(name)} ({channel.msgtype.rpartition('/')[2]})"
-        for name, channel in sorted(open_source(recording.path).channels().items())
-        if channel.msgtype in REFERENCE_ARRAYS and not name.endswith(own)
-    )
-    return BagError(
-        f"{path} holds no references; name their topics with --reference (CableTensions, "
-        f"NodalForces, or JointState with efforts), of which it has {listed or 'no other'}; "
-        f"efforts that the motors publish themselves: --reference {topics.motors}"
-    )
 
 
 def nothing_beside(estimated: Stamps, references: Mapping[str, Series]) -> str:

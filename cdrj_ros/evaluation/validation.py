@@ -38,6 +38,7 @@ from cdrj_ros.evaluation.inputs import (
     read_encoderless,
     read_inputs,
     references_in,
+    require_references,
     unstated_counts,
     with_estimated_joints,
 )
@@ -311,6 +312,7 @@ def compare_bag(
     model = model or prepared_model(task.robot, task.preload)
     begin = perf_counter()
     recording, sensors = _read(task, model)
+    require_references(task.path, task.topics, recording)
     conditioned = condition_recording(model, recording)
     log_ns = log_times(recording, conditioned) if task.written else None
     notes = [*doubts_of(model, conditioned), *unstated_counts(model, recording)]

@@ -199,6 +199,8 @@ def test_a_prefix_chooses_one_of_several_robots(tmp_path, capsys):
     ]
     assert counts[0] > 1.8 * counts[1]
     capsys.readouterr()
+    assert run(tmp_path, both, "--topic-prefix", "left", "--reference", "/nothing")[0] == 2
+    one_line(capsys, ["no references", "publish themselves: --reference /left/cdrj/motor_states"])
     assert run(tmp_path, both)[0] == 2
     one_line(capsys, ["no topic /cdrj/motor_states", "/left/cdrj/motor_states"])
 
