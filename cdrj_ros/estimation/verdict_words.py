@@ -137,7 +137,8 @@ def turn(robot: Robot, name: str, ratio: float) -> str:
     if len(drums) == 1:
         ((winding, radius),) = drums
         if abs(ratio + 1.0) < REVERSED:
-            return f"{text}: winding: {-winding} or {fits} would fit"
+            way = f"{name} turns the other way than its cables allow"
+            return f"{way}: winding: {-winding} or {fits} would fit"
         if 1.0 / SMALL_OR_LARGE < ratio < SMALL_OR_LARGE:
             return f"{text}: {fits} or a drum of radius_mm: {1e3 * radius / ratio:.3g} would fit"
     return f"{text}: gear ratio, unit or sign? {fits} would fit"
