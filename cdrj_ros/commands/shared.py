@@ -163,7 +163,7 @@ def print_results(
 
     With ``every`` all channels are printed, even where they are more than a screen holds.
     """
-    from cdrj_ros.report.table import health_of, print_errors, print_limits
+    from cdrj_ros.report.table import print_errors, print_limits, status_lines
 
     for bag in errors.bags:
         for note in bag.notes:
@@ -175,7 +175,7 @@ def print_results(
                 words = cause.replace("_", " ")
                 say(f"readings: {bag.path}: {count} {words} (docs/estimation.md)")
     print_errors(errors.pooled, title=title, every=every)
-    for line in (line for bag in errors.bags for line in health_of(bag)):
+    for line in status_lines(errors.bags):
         say(line)
     if limit_check:
         print_limits(limit_check)

@@ -53,6 +53,7 @@ from cdrj_ros.report.table import (
     outside_rows,
     r2_remark,
     table_groups,
+    usable_share,
     worst_channels,
 )
 
@@ -89,7 +90,7 @@ def write_report(
     page = _template().render(
         title=title,
         style=style(),
-        numbers=[*key_numbers(errors.pooled), *usable_share(errors.bags)],
+        numbers=[*key_numbers(errors.pooled), *_usable(errors.bags)],
         limits=_limits(limit_check) if limit_check else None,
         several=len(errors.bags) > 1,
         table=_table(errors.pooled, _anchors(errors.bags)),
@@ -169,15 +170,15 @@ def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
     return numbers
 
 
-def usable_share(bags: Sequence[BagComparison]) -> list[dict[str, str]]:
+def _usable(bags: Sequence[BagComparison]) -> list[dict[str, str]]:
     """The share of estimates with status OK, as another of the ``key_numbers``, if it is known."""
-    judged = sum(bag.judged for bag in bags)
-    if not judged:
+    share = usable_share(bags)
+    if share is None:
         return []
     return [
         {
             "label": "Status OK",
-            "value": format_percent(sum(bag.ok for bag in bags) / judged),
+            "value": format_percent(share),
             "meaning": "of the estimated tensions",
             "detail": "the others have a flag, most of a new robot UNSURE",
         }

@@ -363,10 +363,22 @@ def _figure_text(one: Outside, value: float | None) -> str:
     return f"{value:.4g} {unit}".rstrip()
 
 
-def health_of(bag: BagComparison) -> list[str]:
-    """The verdict in lines that name the recording; none if there is none."""
-    lines = health_lines(bag.health) if bag.health else []
-    return [f"health: {bag.path}: {line}" for line in lines]
+def usable_share(bags: Sequence[BagComparison]) -> float | None:
+    """The share of estimated tensions with status OK; None without a status."""
+    judged = sum(bag.judged for bag in bags)
+    return sum(bag.ok for bag in bags) / judged if judged else None
+
+
+def status_lines(bags: Sequence[BagComparison]) -> list[str]:
+    """The share of OK, and verdicts in lines that name the recording; none that is not known."""
+    share = usable_share(bags)
+    lines = (
+        [] if share is None else [f"status OK: {format_percent(share)} of the estimated tensions"]
+    )
+    for bag in bags:
+        verdict = health_lines(bag.health) if bag.health else []
+        lines += [f"health: {bag.path}: {line}" for line in verdict]
+    return lines
 
 
 def health_lines(verdict: Verdict) -> list[str]:

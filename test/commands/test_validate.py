@@ -1,6 +1,7 @@
 """Tests of validate: its figures, its options, and defective recordings."""
 
 import json
+import re
 import math
 from dataclasses import replace
 
@@ -257,7 +258,7 @@ def test_every_bag_may_have_its_own_preloads(second, short, tmp_path, capsys):
     one_line(capsys, ["--preload must be given once, or once for each of the 3 bags; got 2"])
 
 
-def test_standard_deviations_give_coverage_and_change_no_error(short):
+def test_standard_deviations_give_coverage_and_change_no_error(short, tmp_path, capsys):
     found = [cdrj.validate(PROTOTYPE, short, uncertainty=known) for known in (False, True)]
     assert [one.bags[0].judged > 0 for one in found] == [False, True]
     assert 0 <= found[1].bags[0].ok <= found[1].bags[0].judged
@@ -266,6 +267,11 @@ def test_standard_deviations_give_coverage_and_change_no_error(short):
         assert error.coverage is None
         assert 0.0 <= (on[name].coverage or 0.0) <= 1.0
         assert error == replace(on[name], coverage=None)
+    assert run(tmp_path, short)[0] == 0
+    (said,) = re.findall(r"status OK: ([\d.]+)", capsys.readouterr().out)
+    assert float(said) == pytest.approx(
+        100.0 * found[1].bags[0].ok / found[1].bags[0].judged, abs=5e-3
+    )
 
 
 def test_encoders_whose_counts_are_worth_much_are_named_where_the_file_states_no_resolution(

@@ -101,8 +101,7 @@ def test_a_wrong_drum_and_a_wrong_winding_are_named_with_both_keys_that_fit(mode
         "scale: 0.6667 or a drum of radius_mm: 6.67 would fit"
     )
     assert said(model, MOTOR * [1.0, -1.0], JOINT) == (
-        "two turns the other way than its cables allow: "
-        "winding: -1 or scale: -0.5 would fit"
+        "two turns the other way than its cables allow: winding: -1 or scale: -0.5 would fit"
     )
 
 
