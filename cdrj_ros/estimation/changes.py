@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import hypot
 from typing import Final, NamedTuple
@@ -70,7 +70,41 @@ def reference_at(model: Model, sample: Sample) -> Change:
     return Change(values, f"reference is now {', '.join(words)}; there the preloads are {preloads}")
 
 
-def shown_by_sensors(
+def tare(
+    model: Model,
+    samples: Sequence[Sample],
+    changed: Mapping[str, float],
+    measured: Mapping[str, tuple[float, float]],
+    readings: WaitingReadings,
+) -> Change:
+    """The change that makes the last sample the reference pose, or what sensors have shown of it.
+
+    Args:
+        model: the robot.
+        samples: the last ones, at rest.
+        changed: numbers of its file that were measured before, see ``narrowed``.
+        measured: by sensors, see ``_shown_by_sensors``.
+        readings: of sensors.
+
+    Raises:
+        UsageError: the robot is not at rest, or sensors contradict.
+    """
+    if reason := RestWatch(samples).in_motion(model.robot):
+        raise UsageError(reason)
+    sample = samples[-1]
+    change = _shown_by_sensors(model, sample, measured)
+    if not any(path.startswith("joints.") for path in change.values):
+        pose = reference_at(model, sample)
+        words = "; ".join(filter(None, (pose.words, change.words)))
+        change = Change(pose.values | change.values, words)
+    there = with_other_numbers(model, change.values)
+    known = narrowed(there.robot, {**changed, **change.values})
+    if reason := _contradiction(there, known, sample, readings):
+        raise UsageError(reason)
+    return change
+
+
+def _shown_by_sensors(
     model: Model, sample: Sample, measured: Mapping[str, tuple[float, float]]
 ) -> Change:
     """Preloads and reference angles that sensors know better than whoever sets a pose by eye.
@@ -102,7 +136,7 @@ def shown_by_sensors(
     return Change(values, f"by the sensors, {words}" if values else "")
 
 
-def contradiction(
+def _contradiction(
     model: Model, known: Uncertainty | None, sample: Sample, readings: WaitingReadings
 ) -> str:
     """Why the latest readings of sensors contradict that a pose is the reference pose; or nothing.
@@ -182,11 +216,13 @@ def with_other_numbers(model: Model, values: Mapping[str, float]) -> Model:
 class RestWatch:
     """Keeps the samples of the last ``REST_NS``: a tare in motion makes every tension wrong."""
 
-    def __init__(self) -> None:
-        """Begin with no samples."""
+    def __init__(self, samples: Iterable[Sample] = ()) -> None:
+        """Take some samples."""
         self._samples: deque[Sample] = deque()
         """At most one sample per ``REST_STEP_NS``."""
         self._last: Sample | None = None
+        for one in samples:
+            self.add(one)
 
     def add(self, sample: Sample) -> None:
         """Take the next sample."""
@@ -220,14 +256,6 @@ class RestWatch:
                     f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed{key}"
                 )
         return ""
-
-
-def in_motion(robot: Robot, samples: Iterable[Sample]) -> str:
-    """``RestWatch.in_motion`` after some samples."""
-    watch = RestWatch()
-    for sample in samples:
-        watch.add(sample)
-    return watch.in_motion(robot)
 
 
 def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:

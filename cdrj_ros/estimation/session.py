@@ -16,16 +16,7 @@ import numpy as np
 
 from cdrj_ros._core import JointStateDecoder, mark_unsure
 from cdrj_ros.estimation.breaks import EarlierRun, Unseen
-from cdrj_ros.estimation.changes import (
-    Change,
-    contradiction,
-    in_motion,
-    narrowed,
-    preloads_of,
-    reference_at,
-    shown_by_sensors,
-    with_other_numbers,
-)
+from cdrj_ros.estimation.changes import narrowed, preloads_of, tare, with_other_numbers
 from cdrj_ros.estimation.conditioner import TOPICS, Conditioner, Kind, Mode
 from cdrj_ros.estimation.corrections import Corrections, exact
 from cdrj_ros.estimation.encoderless import LiveEncoderless
@@ -387,7 +378,7 @@ class LiveEstimator:
         efforts = np.array([latest[name].value if name in latest else nan for name in names])
         beyond = self.conditioner.refused["out_of_range"]
         whole = beyond < BEYOND * self.conditioner.accepted
-        return self._travel.look(self._recent, efforts, whole=whole)
+        return self._travel.follow(self._recent, efforts, whole=whole)
 
     @property
     def misfitting(self) -> list[str]:
@@ -470,19 +461,9 @@ class LiveEstimator:
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
         if self.encoderless is not None:
-            raise UsageError(f"no reference can be set: {_without_encoder(self.model)}")
-        if reason := in_motion(self.model.robot, self._recent):
-            raise UsageError(reason)
+            raise UsageError("no reference can be set: a joint has no encoder")
         measured = self.corrections.changes() if self.corrections is not None else {}
-        change = shown_by_sensors(self.model, self.sample, measured)
-        if not any(path.startswith("joints.") for path in change.values):
-            pose = reference_at(self.model, self.sample)
-            words = "; ".join(filter(None, (pose.words, change.words)))
-            change = Change(pose.values | change.values, words)
-        model = with_other_numbers(self.model, change.values)
-        known = narrowed(model.robot, self.changes | change.values)
-        if reason := contradiction(model, known, self.sample, self.readings):
-            raise UsageError(reason)
+        change = tare(self.model, self._recent, self.changes, measured, self.readings)
         self.change(change.values)
         return change.words
 
@@ -528,9 +509,3 @@ class LiveEstimator:
     def last_ns(self) -> int:
         """Stamp of the last sample [ns]; ``NEVER`` before the first."""
         return self.state.stamp_ns if self.sample is not None else NEVER
-
-
-def _without_encoder(model: Model) -> str:
-    """The joints without encoder, as the subject of a message."""
-    names = [model.layout.joints[j] for j in model.robot.unmeasured]
-    return f"{', '.join(names)} {'has' if len(names) == 1 else 'have'} no encoder"

@@ -118,18 +118,13 @@ class MotorTravel:
         self._slopes = _slopes(model)
         """Motion of all motors that follow a joint, by its motion, shape (joints, motors)."""
 
-    def look(self, samples: Iterable[Sample], effort: Vector, *, whole: bool) -> str:
-        """``suspicion`` after the latest samples: once in ``POSE_NS`` there is a new one."""
-        if self.follow(samples, effort):
-            self._suspected = self.suspicion(whole=whole)
-        return self._suspected
-
-    def follow(self, samples: Iterable[Sample], effort: Vector) -> bool:
-        """Add the poses of the latest samples, once in ``POSE_NS``; whether one was kept.
+    def follow(self, samples: Iterable[Sample], effort: Vector, *, whole: bool) -> str:
+        """``suspicion`` with the poses of the latest samples, which are added once in ``POSE_NS``.
 
         Args:
             samples: that have come since the last call, or more.
             effort: the latest of every motor [N m], NaN for none, shape (motors,).
+            whole: as for ``suspicion``.
         """
         kept = False
         for sample in samples:
@@ -137,7 +132,9 @@ class MotorTravel:
             if sample.stamp_ns - self._looked_ns >= apart_ns:
                 self._looked_ns = sample.stamp_ns
                 kept |= self.add(sample.motor_angle, sample.joint_angle, effort)
-        return kept
+        if kept:
+            self._suspected = self.suspicion(whole=whole)
+        return self._suspected
 
     def add(self, motor_angle: Vector, joint_angle: Vector, effort: Vector) -> bool:
         """Add a pose: the angles of all motors and joints [rad] or [m], and efforts [N m].

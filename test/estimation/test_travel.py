@@ -128,10 +128,11 @@ def test_samples_that_are_looked_at_again_add_no_pose(model):
     motor, joint = 0.02 * MOTOR, np.degrees(0.02 * JOINT)
     samples = [Sample(*one) for one in zip(stamps, motor, joint, strict=True)]
     often, once = MotorTravel(model), MotorTravel(model)
-    assert all(often.follow(samples[: k + 1], UNHEARD) for k in range(len(samples)))
-    assert once.follow(samples, UNHEARD)
+    for k in range(len(samples)):
+        words = often.follow(samples[: k + 1], UNHEARD, whole=True)
+    assert once.follow(samples, UNHEARD, whole=True) == words == said(model, motor, joint) != ""
     later = [one._replace(stamp_ns=one.stamp_ns + 1) for one in samples[:-1]]
-    assert not once.follow([*samples, *later], UNHEARD)
-    assert once.suspicion() == often.suspicion() == said(model, motor, joint) != ""
+    right = [one._replace(joint_angle=np.radians(one.joint_angle)) for one in later]
+    assert once.follow([*samples, *right], UNHEARD, whole=True) == words
     once.forget()
     assert once.suspicion() == ""
