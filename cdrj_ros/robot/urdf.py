@@ -246,41 +246,32 @@ def _joint(element: Xml.Element, path: Path) -> UrdfJoint:
     if motion not in MOTIONS:
         allowed = ", ".join((*MOTIONS, *HELD))
         raise RobotFileError(f"{where} must be one of {allowed}, got {motion[:40]!r}")
-    ends = [element.find("parent"), element.find("child")]
-    parent, child = ("" if end is None else end.get("link", "") for end in ends)
-    origin, limit, mimic = element.find("origin"), element.find("limit"), element.find("mimic")
+
+    def link(tag: str) -> str:
+        end = element.find(tag)
+        return "" if end is None else end.get("link", "")
+
+    def given(tag: str, key: str, default: str, words: str = "") -> list[float]:
+        found = element.find(tag)
+        text = default if found is None else found.get(key) or default
+        return _values(text, len(default.split()), f"{where}, {words or key}")
+
     limits = None
-    if limit is not None and motion in ("revolute", "prismatic"):
-        limits = (
-            _values(limit.get("lower", "0"), 1, f"{where}, lower limit")[0],
-            _values(limit.get("upper", "0"), 1, f"{where}, upper limit")[0],
-        )
-        limits = limits if limits[0] < limits[1] else None  # both left out, or the wrong way round
+    if motion in ("revolute", "prismatic") and element.find("limit") is not None:
+        lower = given("limit", "lower", "0", "lower limit")[0]
+        upper = given("limit", "upper", "0", "upper limit")[0]
+        limits = (lower, upper) if lower < upper else None  # left out, or the wrong way round
     follows = None
-    if mimic is not None:
-        follows = (
-            mimic.get("joint", ""),
-            _values(mimic.get("multiplier", "1"), 1, f"{where}, multiplier")[0],
-            _values(mimic.get("offset", "0"), 1, f"{where}, offset")[0],
-        )
-    zero = "0 0 0"
-    given = element.find("axis")
-    axis = _values("1 0 0" if given is None else given.get("xyz", "1 0 0"), 3, f"{where}, axis")
+    if (mimic := element.find("mimic")) is not None:
+        share, constant = given("mimic", "multiplier", "1")[0], given("mimic", "offset", "0")[0]
+        follows = (mimic.get("joint", ""), share, constant)
+    axis = given("axis", "xyz", "1 0 0", "axis")
     if motion != "fixed" and not any(axis):
         raise RobotFileError(f"{where}: its axis must be a direction, not of the length 0")
+    place = given("origin", "xyz", "0 0 0"), given("origin", "rpy", "0 0 0")
+    speed = given("limit", "velocity", "0")[0]
     return UrdfJoint(
-        name,
-        motion,
-        parent,
-        child,
-        _values(zero if origin is None else origin.get("xyz", zero), 3, f"{where}, xyz"),
-        _values(zero if origin is None else origin.get("rpy", zero), 3, f"{where}, rpy"),
-        axis,
-        limits,
-        follows,
-        _values(
-            (limit.get("velocity") if limit is not None else "") or "0", 1, f"{where}, velocity"
-        )[0],
+        name, motion, link("parent"), link("child"), *place, axis, limits, follows, speed
     )
 
 
