@@ -276,9 +276,8 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     moves = np.abs(shape_at(model, middle).lever_arm)
     reach = moves * (np.max(segment.joint_angle, axis=0) - lowest)
     by_cable = {}
-    for cable in robot.cables:
-        rows = [k for k, name in enumerate(layout.elements) if name.startswith(f"{cable.name}/")]
-        along = reach[rows].sum(axis=0)
+    for cable, part in zip(robot.cables, robot.parts, strict=True):
+        along = reach[part].sum(axis=0)
         if along.size and along.max() > 0.0:
             by_cable[cable.name] = angles[layout.joints[int(along.argmax())]]
         elif cable.motors:

@@ -230,9 +230,9 @@ def _figures(
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),
         **{f"refused: {cause}": str(n) for cause, n in conditioner.refused.items()},
+        "refused: unknown sensor": str(live.readings.unknown),
+        "sensor readings not used in time": str(live.readings.overlooked),
     }
-    values["refused: unknown sensor"] = str(live.readings.unknown)
-    values["sensor readings not used in time"] = str(live.readings.overlooked)
     if live.corrections is not None:
         refused = live.readings.refused + live.corrections.refused
         values["sensor readings refused"] = str(refused)

@@ -33,6 +33,9 @@ USUAL_PAYLOAD: Final = 0.3
 SAG: Final = 0.05
 """Share of its range that a joint may sag under the usual payload."""
 
+UNSOLVED: Final = 1e-4
+"""Largest imbalance of torque that is accepted in a step of a free joint [N m]."""
+
 LoadKind = Literal["rolling", "pendulum", "lift"]
 KINDS: Final[tuple[LoadKind, ...]] = get_args(LoadKind)
 """Names of the loads: the source's rolling joint, a mass on a turning arm, a lifted mass."""
@@ -229,7 +232,3 @@ def _stable(
         return float(excess(np.array([angle]))[0])
 
     return float(brentq(excess_at, angles[near], angles[near + 1], xtol=1e-14))
-
-
-UNSOLVED: Final = 1e-4
-"""Largest imbalance of torque that is accepted in a step of a free joint [N m]."""
