@@ -43,6 +43,16 @@ nb::object table_of(const std::vector<double>& numbers, Index rows) {
     return copy_of(numbers, {rows, Index(numbers.size()) / rows}).object();
 }
 
+/// `doubtful` and `after_gap` of every sample where they are empty.
+const nb::object& no_flags() {
+    static const auto* const empty = new nb::object(Array<bool>({0}).object());
+    return *empty;
+}
+
+nb::object flags_of(const std::vector<bool>& flags) {
+    return flags.empty() ? no_flags() : copy_of(flags).object();
+}
+
 AnyTuple tuple_of(const Sample& sample, std::size_t motors) {
     const auto angles = std::span(sample.angle);
     return nb::make_tuple(
@@ -51,10 +61,10 @@ AnyTuple tuple_of(const Sample& sample, std::size_t motors) {
         copy_of(angles.subspan(motors)),
         table_of(sample.unseen, 2),
         table_of(sample.offset, 2),
-        sample.doubtful,
+        flags_of(sample.doubtful),
+        flags_of(sample.after_gap),
         sample.predicted,
-        sample.silent,
-        sample.after_gap);
+        sample.silent);
 }
 
 List<AnyTuple> list_of(const std::vector<Sample>& samples, std::size_t motors) {
@@ -145,21 +155,24 @@ void expect(Conditioner& conditioner, const Given& angles, Nanoseconds stamp_ns)
 
 /// Fields of `Samples`.
 using Columns = nb::typed<
-    nb::tuple, GivenIntegers, Given, Given, Given, GivenFlags, GivenIntegers, Given, GivenIntegers>;
+    nb::tuple, GivenIntegers, Given, Given, Given, GivenFlags, GivenFlags, GivenIntegers, Given>;
 
 Columns tuple_of(const Samples& samples, Index motors, Index joints) {
     const auto n = static_cast<Index>(samples.stamp_ns.size());
     const bool seen = samples.unseen.empty();
+    const auto flags = [&](const std::vector<bool>& rows) {
+        return copy_of(rows, {rows.empty() ? 0 : n, motors + joints});
+    };
     const auto changes = static_cast<Index>(samples.offset_rows.size());
     return nb::make_tuple(
         copy_of(samples.stamp_ns),
         copy_of(samples.motor, {n, motors}),
         copy_of(samples.joint, {n, joints}),
         seen ? copy_of(samples.unseen, {0, 0, 0}) : copy_of(samples.unseen, {n, 2, motors + joints}),
-        copy_of(samples.doubtful, {static_cast<Index>(samples.doubtful.size())}),
+        flags(samples.doubtful),
+        flags(samples.after_gap),
         copy_of(samples.offset_rows),
-        copy_of(samples.offset, {changes, 2, motors + joints}),
-        copy_of(samples.after_gap));
+        copy_of(samples.offset, {changes, 2, motors + joints}));
 }
 
 /// Stamps, times of arrival and readings of a name on a topic, and whether stamps are those times.
@@ -344,6 +357,7 @@ void bind_conditioner(nb::module_& core) {
 void bind_conditioning(nb::module_& core) {
     core.attr("ALL_SEEN") = no_deviations();
     core.attr("NONE_CHANGED") = no_deviations();
+    core.attr("NONE_FLAGGED") = no_flags();
     core.attr("MAX_GAP_NS") = MAX_GAP_NS;
     core.attr("CONFIRMATIONS") = CONFIRMATIONS;
     core.attr("RANGE_MARGIN") = RANGE_MARGIN;
@@ -367,9 +381,9 @@ void bind_conditioning(nb::module_& core) {
         Returns:
             One segment of samples, and a further one after every jump of the clock back: stamps [ns],
             shape (n,); angles of motors and of joints [rad], shapes (n, motors) and (n, joints);
-            ``unseen``, shape (n, 2, axes), or (0, 0, 0) where all are zero; whether samples are
-            doubtful, shape (n,), or (0,) where none is; rows that have ``offset``, and these,
-            shape (rows, 2, axes); rows in gaps and the first after them.)");
+            ``unseen``, shape (n, 2, axes), or (0, 0, 0) where all are zero; ``doubtful`` and
+            ``after_gap``, shapes (n, axes), or (0, axes) where none is; rows that have ``offset``, and
+            these, shape (rows, 2, axes).)");
     nb::class_<TrackingFilter>(core, "TrackingFilter",
         "A filter of the angle between the counts of a sensor, (C1) of docs/estimation.md.")
         .def(nb::init<>(), "Start without readings.")

@@ -212,7 +212,7 @@ ByName<nb::any> memory_of(nb::handle self) {
 /// Mark one estimate, or the rows of a table.
 void mark_estimates(
     const HeldRobot& robot, const Written& estimates, const Given& stddev, double share,
-    const GivenFlags& doubtful) {
+    const GivenFlags& doubted) {
     require(
         estimates.ndim() > 0 && (stddev.size() == 0 || stddev.ndim() == estimates.ndim()),
         "estimates and stddev are not both of one time or both tables");
@@ -224,16 +224,16 @@ void mark_estimates(
     require(
         size == Index(robot.robot.estimate_size()) &&
             (columns == 0 || (stddev.size() == samples * columns && columns >= sizes.elements)) &&
-            (doubtful.size() == 0 || doubtful.size() == (single ? sizes.elements : samples)),
-        "estimates, stddev and doubtful differ in their numbers of samples or are not of this robot");
+            (doubted.size() == 0 || doubted.size() == samples * sizes.elements),
+        "estimates, stddev and doubted differ in their numbers of samples or are not of this robot");
     const Index first = first_of(sizes, &Estimate::tension, true);
     const auto mark = [&](Index k) {
         const Estimate estimate(sizes, estimates.data() + k * size);
         const auto of_tensions = columns > 0 ? span_of(stddev).subspan(k * columns + first, sizes.elements)
                                              : std::span<const double>();
         mark_unsure(robot.robot, estimate, of_tensions, share);
-        for (Index e = 0; doubtful.size() > 0 && e < sizes.elements; ++e) {
-            if (doubtful.data()[single ? e : k]) doubt(estimate.status[e]);
+        for (Index e = 0; doubted.size() > 0 && e < sizes.elements; ++e) {
+            if (doubted.data()[k * sizes.elements + e]) doubt(estimate.status[e]);
         }
         return true;
     };
@@ -342,7 +342,7 @@ void bind_ensemble(nb::module_& core) {
         .def("memory", memory_of, "Views of all that outlasts a restart, by name.");
     core.attr("MOVED") = MOVED;
     core.def(
-        "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "stddev"_a, "share"_a, "doubtful"_a, R"(
+        "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "stddev"_a, "share"_a, "doubted"_a, R"(
         Set ``UNSURE`` where tensions are not credible, known too badly for them and the preload, or in doubt.
 
         Args:
@@ -351,8 +351,8 @@ void bind_ensemble(nb::module_& core) {
             stddev: of all uncertain quantities, shape (columns,) or (n, columns); with a size of
                 0, none is known.
             share: see ``cdrj_ros.estimation.ensemble.UNSURE_SHARE``.
-            doubtful: whether to mark every element of a sample, shape (n,), or every element of one
-                estimate, shape (elements,); with a size of 0, none is.)");
+            doubted: elements to mark as well, shape (elements,) or (n, elements); with a size of 0,
+                none is.)");
 }
 
 }  // namespace cdrj

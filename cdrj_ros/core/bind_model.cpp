@@ -131,6 +131,16 @@ ByName<PartList> robot_parts(const GivenIntegers& given) {
     return found;
 }
 
+Array<bool> touched(const HeldRobot& held) {
+    const auto& own = held.robot.topology.paths->cables_of_axis;
+    const Index cables = held.robot.topology.sizes.cables;
+    std::vector<bool> found(own.size() * cables);
+    for (std::size_t a = 0; a < own.size(); ++a) {
+        for (const Index c : own[a]) found[a * cables + c] = true;
+    }
+    return copy_of(found, {static_cast<Index>(own.size()), cables});
+}
+
 std::tuple<HeldState, Written, bool> step(
     HeldRobot& held, const HeldState& before, Nanoseconds stamp_ns, const Given& motor_angle,
     const Given& joint_angle) {
@@ -349,6 +359,10 @@ void bind_robot(nb::module_& core) {
             "Whether numbers may be a state: within bounds that keep every step defined.")
         .def_prop_ro("state_size", [](const HeldRobot& h) { return h.robot.state_size(); },
             "Numbers of a state.")
+        .def_prop_ro("touched", touched,
+            "Whether the path of a cable leads over a motor or joint, shape (axes, cables).")
+        .def_prop_ro("touched", touched,
+            "Whether the path of a cable leads over a motor or joint, shape (axes, cables).")
         .def_prop_ro(
             "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); },
             "Numbers of the workspace.")

@@ -8,32 +8,35 @@ namespace {
 /// Readings between two pauses.
 constexpr std::size_t BETWEEN_PAUSES = 65'536;
 
+/// Append the row of a sample, all zero where it is empty, to rows that are empty as long as all are.
+template <typename T>
+void append(std::vector<T>& rows, std::size_t before, const std::vector<T>& row) {
+    if (row.empty()) return;
+    rows.resize(before * row.size());
+    rows.insert(rows.end(), row.begin(), row.end());
+}
+
 void append(Samples& samples, const Sample& sample, std::size_t motors) {
     const std::size_t row = samples.stamp_ns.size();
     const auto joints = sample.angle.begin() + static_cast<std::ptrdiff_t>(motors);
     samples.stamp_ns.push_back(sample.stamp_ns);
     samples.motor.insert(samples.motor.end(), sample.angle.begin(), joints);
     samples.joint.insert(samples.joint.end(), joints, sample.angle.end());
-    if (!sample.unseen.empty()) {
-        samples.unseen.resize(row * sample.unseen.size());
-        samples.unseen.insert(samples.unseen.end(), sample.unseen.begin(), sample.unseen.end());
-    }
+    append(samples.unseen, row, sample.unseen);
+    append(samples.doubtful, row, sample.doubtful);
+    append(samples.after_gap, row, sample.after_gap);
     if (!sample.offset.empty()) {
         samples.offset_rows.push_back(static_cast<std::int64_t>(row));
         samples.offset.insert(samples.offset.end(), sample.offset.begin(), sample.offset.end());
     }
-    if (sample.doubtful) {
-        samples.doubtful.resize(row);
-        samples.doubtful.push_back(true);
-    }
-    if (sample.after_gap) samples.after_gap.push_back(static_cast<std::int64_t>(row));
 }
 
 /// Fill what the last samples have none of.
 void complete(Samples& samples) {
-    const std::size_t n = samples.stamp_ns.size(), angles = samples.motor.size() + samples.joint.size();
+    const std::size_t angles = samples.motor.size() + samples.joint.size();
     if (!samples.unseen.empty()) samples.unseen.resize(2 * angles);
-    if (!samples.doubtful.empty()) samples.doubtful.resize(n);
+    if (!samples.doubtful.empty()) samples.doubtful.resize(angles);
+    if (!samples.after_gap.empty()) samples.after_gap.resize(angles);
 }
 
 /// The series whose next reading arrived first; their number where there is none.

@@ -27,10 +27,10 @@ struct Samples {
     std::vector<double> motor{};        // angles, (n, motors)
     std::vector<double> joint{};        // angles, (n, joints)
     std::vector<double> unseen{};       // (n, 2, axes), zero where empty; or empty for all
-    std::vector<bool> doubtful{};       // (n), or empty for none
+    std::vector<bool> doubtful{};       // (n, axes), or empty for none
+    std::vector<bool> after_gap{};      // likewise
     std::vector<std::int64_t> offset_rows{};  // the samples whose `offset` is not empty
     std::vector<double> offset{};       // these, (len(offset_rows), 2, axes)
-    std::vector<std::int64_t> after_gap{};    // the samples in gaps and the first ones after them
 };
 
 /// Feeds the readings of a recording to a conditioner, one by one in their order of arrival, at equal

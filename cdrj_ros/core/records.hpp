@@ -96,10 +96,12 @@ struct Sample {
     // axes, (C9), then of how much older their values are than the stamps [s], (C10); empty where
     // they are those of the sample before.
     std::vector<double> offset{};
-    bool doubtful = false;   // an angle may be wrong because its sensor may have stepped
+    // Of every axis, whether its angle may be wrong because its sensor may have stepped, and whether its
+    // last reading was before a gap or is the first one after it; empty where that holds for none.
+    std::vector<bool> doubtful{};
+    std::vector<bool> after_gap{};
     bool predicted = false;  // an angle is extrapolated
     bool silent = false;     // a predicted sample was at least as late; not given out
-    bool after_gap = false;  // the last reading of an axis was before a gap, or is the first one after it
 };
 
 }  // namespace cdrj

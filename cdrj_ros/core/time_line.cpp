@@ -40,6 +40,12 @@ double extrapolated(const Axis& axis, const Channel& channel, Nanoseconds stamp_
     return std::min(std::max(angle, axis.lower), axis.upper);
 }
 
+/// Flags an axis among others.
+void set(std::vector<bool>& flags, std::size_t axis, std::size_t axes) {
+    flags.resize(axes);
+    flags[axis] = true;
+}
+
 /// `Sample::unseen`, while it is found axis by axis.
 struct Unseen {
     std::size_t axes;
@@ -210,7 +216,7 @@ void TimeLine::interpolate(
             sample.angle[k] = interpolated(channels[k], sample.stamp_ns);
             const Reading& reading = reached(channels[k], sample.stamp_ns);
             curved = curved || reading.curvature != 0.0;
-            sample.after_gap = sample.after_gap || reading.after_gap;
+            if (reading.after_gap) set(sample.after_gap, k, channels.size());
         }
         if (!began) {
             sample.unseen = unseen_before(axes, channels, sample.stamp_ns, resumed_ns_);
@@ -225,7 +231,7 @@ void TimeLine::interpolate(
         }
         tell_offsets(channels, sample);
         std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= last_ns; });
-        sample.doubtful = is_doubtful(last_ns);
+        sample.doubtful = doubtful_at(last_ns, channels.size());
         sample.silent = last_ns <= ahead_ns_;
         began = true;
         to.push_back(std::move(sample));
@@ -267,19 +273,22 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     }
     sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;
-    const bool undecided = std::any_of(channels.begin(), channels.end(), [](const Channel& channel) {
-        return channel.off.has_value();  // the next reading decides if others have changed, too
-    });
-    sample.doubtful = undecided || is_doubtful(stamp_ns);
+    sample.doubtful = doubtful_at(stamp_ns, channels.size());
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        if (channels[k].off) set(sample.doubtful, k, channels.size());  // the next reading decides
+    }
     sample.predicted = true;
     return sample;
 }
 
-/// Whether some sensor may have stepped before a sample.
-bool TimeLine::is_doubtful(Nanoseconds stamp_ns) const {
-    return std::any_of(doubts_.begin(), doubts_.end(), [&](const Doubt& doubt) {
-        return doubt.after_ns < stamp_ns && stamp_ns < doubt.until_ns;
-    });
+/// `Sample::doubtful`.
+std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, std::size_t channels) const {
+    std::vector<bool> found;
+    for (const Doubt& doubt : doubts_) {
+        const bool holds = doubt.after_ns < stamp_ns && stamp_ns < doubt.until_ns;
+        if (holds) set(found, doubt.channel, channels);
+    }
+    return found;
 }
 
 }  // namespace cdrj

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from cdrj_ros._core import MOVED
-from cdrj_ros.estimation.estimator import Sample, State, step
+from cdrj_ros.estimation.estimator import Sample, State, on_axes, step
 from cdrj_ros.estimation.model_error import length_share, stiffness
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.prepared import Model, shape_at
@@ -59,7 +59,8 @@ class Unseen:
     def add(self, earlier: EarlierRun, sample: Sample) -> None:
         """Add what the poses before a break and in or after it differ by.
 
-        The robot may have moved meanwhile, or an encoder may have slipped.
+        The robot may have moved meanwhile, or an encoder may have slipped: in a gap of some axes,
+        what changes the cables that lead over them.
 
         Args:
             earlier: the run before the break.
@@ -70,6 +71,8 @@ class Unseen:
         before = State(stamp_ns, earlier.state.values)
         then, now = (step(self._model, before, one)[1].tension for one in (there, sample))
         weighed = self._share * (now - then)
+        if sample.after_gap.size:
+            weighed *= on_axes(self._model, sample.after_gap)
         mean = np.abs([weighed[part].sum() for part in self._model.robot.parts])
         if sample.unseen.size:
             mean = np.maximum(mean - BOUNDS * (self._stiffness @ sample.unseen[0]), 0.0)

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros._core import correct
 from cdrj_ros.estimation.ensemble import Ensemble, stddev_columns
@@ -127,6 +128,26 @@ class Corrections:
             gone = [cable.name in broken for cable in robot.cables]
             self.doubted = robot.per_element(gone) if broken else NO_DOUBTS
         self.correct(estimate, ensemble.variance)
+
+    def doubted_beside(self, elements: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Flagged elements with all of their groups, and those of cables that carry nothing.
+
+        What sensors say of one cable of a group depends on the estimates of the others.
+
+        Args:
+            elements: flags, shape (elements,), or (0,) for none.
+
+        Returns:
+            Likewise.
+        """
+        if not elements.size:
+            return self.doubted
+        found, parts = elements.copy(), self.model.robot.parts
+        for group in self.groups:
+            if any(elements[parts[c]].any() for c in group.cables):
+                for c in group.cables:
+                    found[parts[c]] = True
+        return found | self.doubted if self.doubted.size else found
 
     def correct(self, estimate: Estimate, history: Vector) -> None:
         """Change an estimate with standard deviations into that with what the sensors say.

@@ -32,8 +32,8 @@ NO_OFFSETS: Vector = np.empty((0, 0, 0))
 ALL_SEEN_OVER_TIME: Vector = np.empty((0, 0, 0))
 """``Samples.unseen`` where all deviations of all samples are zero."""
 
-NO_DOUBTS: NDArray[np.bool_] = np.empty(0, dtype=np.bool_)
-"""``Samples.doubtful`` where no sample is doubtful."""
+NO_DOUBTS: NDArray[np.bool_] = _core.NONE_FLAGGED
+"""``Sample.doubtful`` and ``after_gap``, and those of ``Samples``, where none is."""
 
 
 class Sample(NamedTuple):
@@ -58,16 +58,17 @@ class Sample(NamedTuple):
     Row 0: of offsets, (C9) [rad].  Row 1: of how much older their values are than the stamps, (C10)
     [s].  Shape (0, 0) where they are those of the sample before.
     """
-    doubtful: bool = False
-    """Whether an angle may be wrong because the readings of its sensor have stepped."""
+    doubtful: NDArray[np.bool_] = NO_DOUBTS
+    """Whether angles may be wrong because the readings of their sensors have stepped, of motors,
+    then joints, shape (axes,); (0,) where none may be."""
+    after_gap: NDArray[np.bool_] = NO_DOUBTS
+    """Whether axes were not read for so long before their readings at or after this sample that
+    their drivers may have started anew, likewise."""
     predicted: bool = False
     """Whether an angle is extrapolated.  The next sample that is not predicted follows the last one
     that was not, and may be earlier than this one."""
     silent: bool = False
     """Whether its estimate is not given out, because a predicted sample was at least as late."""
-    after_gap: bool = False
-    """Whether an axis was not read for so long before its reading at or after this sample that its
-    driver may have started anew."""
 
 
 @dataclass(frozen=True)
@@ -83,30 +84,27 @@ class Samples:
     unseen: NDArray[np.float64] = field(default_factory=lambda: ALL_SEEN_OVER_TIME)
     """As ``Sample.unseen``, shape (n, 2, axes); (0, 0, 0) where all are zero."""
     doubtful: NDArray[np.bool_] = field(default_factory=lambda: NO_DOUBTS)
-    """As ``Sample.doubtful``, shape (n,); (0,) where all are false."""
-
+    """As ``Sample.doubtful``, shape (n, axes); of length 0 where all are false."""
+    after_gap: NDArray[np.bool_] = field(default_factory=lambda: NO_DOUBTS)
+    """As ``Sample.after_gap``, likewise."""
     offset_rows: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
     """The samples at which the offsets' standard deviations change, increasing, shape (k,)."""
     offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
     """As ``Sample.offset`` of these, shape (k, 2, axes)."""
-    after_gap: NDArray[np.int64] = field(default_factory=lambda: NO_ROWS)
-    """The samples with ``Sample.after_gap``, increasing."""
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""
-        unseen = self.unseen[where] if len(self.unseen) else self.unseen
-        doubtful = self.doubtful[where] if len(self.doubtful) else self.doubtful
         begin, end, _ = where.indices(self.stamp_ns.size)
         here = slice(self._holds_at(begin), int(np.searchsorted(self.offset_rows, end)))
         return Samples(
             self.stamp_ns[where],
             self.motor_angle[where],
             self.joint_angle[where],
-            unseen,
-            doubtful,
+            self.unseen[where],
+            self.doubtful[where],
+            self.after_gap[where],
             np.maximum(self.offset_rows[here] - begin, 0),
             self.offset[here],
-            self.after_gap[(self.after_gap >= begin) & (self.after_gap < end)] - begin,
         )
 
     def _holds_at(self, k: int) -> int:
@@ -116,7 +114,10 @@ class Samples:
     def at(self, k: int) -> Sample:
         """One sample, as views."""
         unseen = self.unseen[k] if len(self.unseen) else ALL_SEEN
-        doubtful = bool(self.doubtful[k]) if len(self.doubtful) else False
+        doubtful, after_gap = (
+            every[k] if len(every) and every[k].any() else NO_DOUBTS
+            for every in (self.doubtful, self.after_gap)
+        )
         changed = self.offset[self.offset_rows == k]
         offset = changed[0] if len(changed) else NONE_CHANGED
         return Sample(
@@ -126,7 +127,7 @@ class Samples:
             unseen,
             offset,
             doubtful,
-            after_gap=k in self.after_gap,
+            after_gap,
         )
 
     def alone(self, k: int) -> Sample:
@@ -134,6 +135,26 @@ class Samples:
         here = self._holds_at(k)
         known = here < len(self.offset) and self.offset_rows[here] <= k
         return self.at(k)._replace(offset=self.offset[here]) if known else self.at(k)
+
+
+def on_axes(model: Model, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The elements of cables whose paths lead over one of some axes.
+
+    Those of all cables of a robot with joints without encoder, or with learned corrections.
+
+    Args:
+        model: the robot.
+        axes: flags as of ``Sample.doubtful`` or ``Samples.doubtful``.
+
+    Returns:
+        Shape (elements,) or (n, elements); of length 0 where no axis is flagged.
+    """
+    if not axes.size or not axes.any():
+        return NO_DOUBTS
+    touched = model.core.touched
+    if model.robot.unmeasured or model.robot.residuals:
+        touched = np.ones((axes.shape[-1], touched.shape[1]), dtype=np.bool_)
+    return axes @ model.robot.per_element(touched.T).T
 
 
 NEVER: Final = _core.NEVER

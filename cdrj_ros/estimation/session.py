@@ -23,11 +23,11 @@ from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble
 from cdrj_ros.estimation.estimator import (
     NEVER,
-    NO_DOUBTS,
     Estimate,
     Sample,
     State,
     initial_state,
+    on_axes,
     step,
 )
 from cdrj_ros.estimation.sensors import WaitingReadings, sensors_of
@@ -140,7 +140,6 @@ class LiveEstimator:
             self.ensemble.core.begin_units()
         self._predicted: State | None = None
         """The state after the last predicted sample, if one was taken since the last other one."""
-        self._everywhere = np.ones(len(model.layout.elements), dtype=np.bool_)
         if expected is not None:
             self.expect_sensors()
 
@@ -333,7 +332,7 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        elif sample.after_gap and self.sample is not None:
+        elif sample.after_gap.size and self.sample is not None:
             self._before_gap = self._before_gap or self._run_so_far(self.sample)
             self._doubt_change(self._before_gap, sample)
         elif self._before_gap is not None:
@@ -402,10 +401,9 @@ class LiveEstimator:
     def _mark(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
         stddev = NO_STDDEVS if estimate.stddev is None else estimate.stddev
-        if sample.doubtful:
-            doubted = self._everywhere
-        else:
-            doubted = NO_DOUBTS if self.corrections is None else self.corrections.doubted
+        doubted = on_axes(self.model, sample.doubtful)
+        if self.corrections is not None:
+            doubted = self.corrections.doubted_beside(doubted)
         mark_unsure(self.model.core, estimate.values, stddev, self.options.unsure_share, doubted)
         if not self.options.uncertainty:
             estimate.stddev = None

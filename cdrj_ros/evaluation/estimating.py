@@ -19,6 +19,7 @@ from cdrj_ros.estimation.estimator import (
     Estimates,
     Samples,
     initial_state,
+    on_axes,
     run,
 )
 from cdrj_ros.evaluation.inputs import in_order
@@ -75,7 +76,8 @@ def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estim
                 ensemble.show_at_least(unseen.changes)
             found = ensemble.follow(piece, estimates)
         stddev = NO_STDDEVS if found.stddev is None else found.stddev
-        mark_unsure(model.core, found.values, stddev, UNSURE_SHARE, piece.doubtful)
+        doubted = on_axes(model, piece.doubtful)
+        mark_unsure(model.core, found.values, stddev, UNSURE_SHARE, doubted)
         yield found
 
 
@@ -88,7 +90,7 @@ def _estimated(
     """
     state, count = initial_state(model), samples.stamp_ns.size
     earlier: EarlierRun | None = None
-    gaps = set(samples.after_gap.tolist()) - {0}
+    gaps = set(np.unique(np.nonzero(samples.after_gap)[0]).tolist()) - {0}
     ends = gaps | {k + 1 for k in gaps}
     for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *ends, count})):
         piece = samples.part(slice(begin, end))
@@ -124,7 +126,8 @@ def _pieces_encoderless(model: Model, samples: Samples, efforts: Table) -> Itera
         piece = samples.part(slice(begin, begin + AT_ONCE))
         estimates = encoderless.run(piece, efforts[begin : begin + AT_ONCE])
         stddev = NO_STDDEVS if estimates.stddev is None else estimates.stddev
-        mark_unsure(model.core, estimates.values, stddev, UNSURE_SHARE, piece.doubtful)
+        doubted = on_axes(model, piece.doubtful)
+        mark_unsure(model.core, estimates.values, stddev, UNSURE_SHARE, doubted)
         yield estimates
 
 

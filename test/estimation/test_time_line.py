@@ -281,7 +281,7 @@ def test_a_joint_that_slows_down_and_rests_is_not_taken_for_a_stuck_encoder():
     for k, stamp in enumerate((START + 2_000_000 * np.arange(1000)).tolist()):
         heard.feed(Message("motors", stamp, ("m",), (8.0 * time[k],)))
         heard.feed(Message("joints", stamp, ("q",), (count * np.round(joint[k] / count),)))
-    doubtful = [one.stamp_ns - START for one in heard.samples if one.doubtful]
+    doubtful = [one.stamp_ns - START for one in heard.samples if one.doubtful.any()]
     assert doubtful == [0], "a first reading, which nothing confirms"
 
 

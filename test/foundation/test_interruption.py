@@ -135,11 +135,11 @@ def test_a_signal_ends_a_loop_of_the_core_over_a_recording():
 
     model = load_model(ROBOT)
     values, nothing = np.zeros((200_000, model.layout.size)), np.empty((0, 0))
-    doubtful = np.ones(len(values), dtype=np.bool_)
+    doubted = np.ones((len(values), len(model.layout.elements)), dtype=np.bool_)
 
     def loop():
         signal.setitimer(signal.ITIMER_REAL, 1e-3)
-        mark_unsure(model.core, values, nothing, 0.5, doubtful)
+        mark_unsure(model.core, values, nothing, 0.5, doubted)
 
     before = signal.signal(signal.SIGALRM, ask)
     try:
