@@ -1,8 +1,8 @@
 """Tests of validate: its figures, its options, and defective recordings."""
 
 import json
-import re
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
