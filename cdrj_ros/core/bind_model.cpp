@@ -361,8 +361,6 @@ void bind_robot(nb::module_& core) {
             "Numbers of a state.")
         .def_prop_ro("touched", touched,
             "Whether the path of a cable leads over a motor or joint, shape (axes, cables).")
-        .def_prop_ro("touched", touched,
-            "Whether the path of a cable leads over a motor or joint, shape (axes, cables).")
         .def_prop_ro(
             "scratch_size", [](const HeldRobot& h) { return Workspace::size(h.robot.topology.sizes); },
             "Numbers of the workspace.")
