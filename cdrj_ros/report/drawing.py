@@ -24,6 +24,7 @@ from cdrj_ros.foundation.files import replacing
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.inspection.ranges import Inspection
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.report.figures import COLOURS
 from cdrj_ros.report.scene import LONG_SPAN, Body, Scene, by_cable, inner_size, middle_of, scene_of
 from cdrj_ros.robot.description import Robot
 from cdrj_ros.robot.groups import connected_cables
@@ -35,7 +36,7 @@ CABLE_COLOURS: Final = (
 there are more."""
 
 INK: Final = "#1c1c1a"
-MUTED: Final = "#62625d"
+MUTED: Final = COLOURS["muted"]
 LINK: Final = "#e9e7df"
 SHADE: Final = "#bdb9ab"
 

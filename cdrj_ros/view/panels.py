@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model
-from cdrj_ros.report.scene import Colour
 from cdrj_ros.report.status import SIGMAS, round_scale, severity, status_words
+from cdrj_ros.view.drawing import rgb
 from cdrj_ros.view.history import Curves, Snapshot
-from cdrj_ros.view.picture import DrawnCable, Picture
+from cdrj_ros.view.picture import DrawnCable, Picture, tension_words
 
 TENSION: Final = "#2f9e44"
 BAND: Final = "rgba(47, 158, 68, 0.25)"
@@ -315,11 +315,6 @@ SMALLEST: Final = 0.7
 """down to this share of the size of the others."""
 
 
-def css(colour: Colour) -> str:
-    """A colour for CSS."""
-    return "rgb({},{},{})".format(*(round(255.0 * part) for part in colour))
-
-
 def table_of(model: Model, shown: Snapshot, picture: Picture, chosen: str) -> str:
     """Name, bar up to the limit, tension ± 2σ and status of every element.
 
@@ -366,13 +361,12 @@ def _lines(
 def _row(look: DrawnCable, shown: Snapshot, e: int, limit: float, chosen: bool) -> str:
     tension, stddev, status = float(shown.tension[e]), shown.stddev[e], int(shown.status[e])
     known = np.isfinite(tension) and not status & INVALID
-    spread = f" ± {SIGMAS * stddev:.1f}" if np.isfinite(stddev) else ""
     return ROW.format(
         weight="font-weight:700;" if chosen else "",
         name=plain(look.name),
         size=min(max(WHOLE_NAME / len(look.name), SMALLEST), 1.0),
         share=100.0 * min(max(tension / limit, 0.0), 1.0) if known else 0.0,
-        colour=css(look.colour),
-        value=f"{tension:.1f}{spread} N" if known else "–",
+        colour=f"rgb{rgb(look.colour)}",
+        value=tension_words(tension, stddev) if known else "–",
         status=" ".join(word for word, _ in status_words(status)),
     )

@@ -160,12 +160,9 @@ def picture_of(model: Model, shown: Snapshot, *, force_scale: float = 0.0005) ->
     )
 
 
-def element_words(name: str, tension: float, stddev: float, known: bool) -> str:
-    """Name, tension and two standard deviations of an element."""
-    if not (known and np.isfinite(tension)):
-        return f"{name} ?"
-    spread = f" ± {SIGMAS * stddev:.1f}" if np.isfinite(stddev) else ""
-    return f"{name} {tension:.1f}{spread} N"
+def tension_words(tension: float, stddev: float) -> str:
+    """A tension and, if they are known, two standard deviations."""
+    return f"{tension:.1f}" + (f" ± {SIGMAS * stddev:.1f} N" if np.isfinite(stddev) else " N")
 
 
 def typical_radius(model: Model, scene: Scene) -> float:
@@ -197,7 +194,7 @@ def _cables(model: Model, scene: Scene, shown: Snapshot) -> list[DrawnCable]:
                 width * (THIN if flags[e] & SLACK else 1.0),
                 tension_colour(tension, cable.preload, cable.maximum_tension) if good else UNKNOWN,
                 PALE if flags[e] & UNSURE else 1.0,
-                element_words(name, tension, float(shown.stddev[e]), good),
+                f"{name} {tension_words(tension, float(shown.stddev[e])) if good else '?'}",
             )
         )
     return looks
