@@ -92,6 +92,7 @@ Ensemble::Ensemble(
       in_turn_{{}, 1, true},
       estimate_(robot_.estimate_size()),
       mean_tensions_(cables()),
+      unread_(cables()),
       walked_(cables()),
       out_(robot_.out_size()) {
     const auto members = static_cast<std::size_t>(population.size());

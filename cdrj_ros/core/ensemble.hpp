@@ -257,6 +257,7 @@ private:
     // of the sample in progress, or of the last one
     std::vector<double> estimate_;
     std::vector<double> mean_tensions_;  // of all cables [N]
+    std::vector<double> unread_;  // what unread motion may change in these [N]
     // variances that no member shows of every quantity: of offsets, (U12), and of lags if nothing
     // excludes them, (U13)
     std::vector<double> slipped_;

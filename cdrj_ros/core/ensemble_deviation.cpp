@@ -7,6 +7,12 @@
 #include "ensemble.hpp"
 
 namespace cdrj {
+namespace {
+
+/// Standard deviations within which unread angles are.
+constexpr double BOUNDS = 3.0;
+
+}  // namespace
 
 /// Compare all quantities of the member in turn.
 void Ensemble::compare(
@@ -82,16 +88,19 @@ std::vector<double> Ensemble::gains_of_cables() const {
     return found;
 }
 
-/// Note the mean tensions of all cables, which bound what lags and units are worth, (U13), (C15).
+/// Note the mean tensions of all cables, beyond what unread motion may change in them: they bound what
+/// lags and units are worth, (U13), (C15), and their sudden changes are doubted, (C16).
 void Ensemble::bound_errors() {
     for (Index c = 0; c < cables(); ++c) {
-        if (memory.unsolved[c] != 0) continue;
         const auto [first, beyond] = tensions_of(c);
+        unread_[c] = 0.0;
+        for (const auto& [axis, gain] : draws.gains[first]) unread_[c] += BOUNDS * gain * unseen_[axis];
+        if (memory.unsolved[c] != 0) continue;
         double& mean = mean_tensions_[c] = 0.0;
         for (Index e = first; e < beyond; ++e) mean += draws.length_share[e] * estimate_[e];
     }
-    if (lags.take(memory.progress.last_stamp, angle_, unseen_, mean_tensions_)) renew_late();
-    if (units.take(memory.progress.last_stamp, angle_, unseen_, mean_tensions_)) renew_slipped();
+    if (lags.take(memory.progress.last_stamp, angle_, mean_tensions_, unread_)) renew_late();
+    if (units.take(memory.progress.last_stamp, angle_, mean_tensions_, unread_)) renew_slipped();
 }
 
 void Ensemble::take_offset(std::span<const double> offset) {

@@ -16,9 +16,6 @@ constexpr double MORE = 1.1;
 /// first, and half of it once the axes have moved to and fro.
 constexpr double SWUNG = 0.6;
 
-/// Standard deviations within which unread angles are.
-constexpr double BOUNDS = 3.0;
-
 double square(double x) { return x * x; }
 
 /// Widens a range, by its ends, to a value; whether that has changed it.
@@ -112,15 +109,13 @@ void Lags::renew() {
 }
 
 bool Lags::take(
-    Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
-    std::span<const double> tensions) {
+    Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions,
+    std::span<const double> unread) {
     const double now = static_cast<double>(stamp_ns) * 1e-9;
     for (std::size_t c = 0; c < cables_.size(); ++c) {
         Cable& cable = cables_[c];
-        double open = 0.0;
-        for (std::size_t k = 0; k < cable.axes.size(); ++k) open += cable.gains[k] * unseen[cable.axes[k]];
-        cable.sudden = std::max(change(cable, now, tensions[c]) - BOUNDS * open, 0.0);
-        if (open == 0.0) take_cable(cable, now, angles, tensions[c]);
+        cable.sudden = std::max(change(cable, now, tensions[c]) - unread[c], 0.0);
+        if (unread[c] == 0.0) take_cable(cable, now, angles, tensions[c]);
     }
     return note_speeds(now, angles);
 }

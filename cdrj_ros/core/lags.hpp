@@ -32,11 +32,11 @@ public:
     /// Takes the angles of a sample and the mean tensions of the cables; whether greatest speeds have
     /// changed.
     ///
-    /// unseen: standard deviations of the angles. Where one is not zero, its axis had not been read, and
-    /// the mean tensions of its cables show that, not a lag.
+    /// unread: what the mean tensions may be off by because axes had not been read. Where that is not
+    /// zero, they show it, not a lag.
     bool take(
-        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
-        std::span<const double> tensions);
+        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions,
+        std::span<const double> unread);
 
     /// Share of the variance due to lags, (C10), that is possible in a cable, (U13) and (U18).
     double late_share(std::size_t cable) const { return cables_[cable].late_share; }

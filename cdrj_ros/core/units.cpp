@@ -9,7 +9,6 @@ namespace {
 constexpr double STRETCH = 0.3;  // a load stretches a cable by no more than this share of an axis's motion
 constexpr double SHARE = 0.1;    // one that has moved less than this share of others is judged by these
 constexpr double MEMORY = 10.0;  // time constant with which a stretch is forgotten [s], that of (C2)
-constexpr double BOUNDS = 3.0;   // standard deviations within which unread angles are
 
 }  // namespace
 
@@ -36,8 +35,8 @@ void Units::begin() {
 }
 
 bool Units::take(
-    Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
-    std::span<const double> tensions) {
+    Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions,
+    std::span<const double> unread) {
     if (first_angle_.empty()) {
         first_angle_.assign(angles.begin(), angles.end());
         first_tension_.assign(tensions.begin(), tensions.end());
@@ -52,8 +51,7 @@ bool Units::take(
     std::ranges::fill(doubtful_, 0);
     for (std::size_t c = 0; c < cables_.size(); ++c) {
         Cable& cable = cables_[c];
-        double stretch = std::abs(tensions[c] - first_tension_[c]);
-        for (const End& end : cable.ends) stretch -= BOUNDS * end.gain * unseen[end.axis];
+        const double stretch = std::abs(tensions[c] - first_tension_[c]) - unread[c];
         cable.stretch = std::max(kept * cable.stretch, stretch);
         doubt(cable);
     }

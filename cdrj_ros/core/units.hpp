@@ -23,11 +23,13 @@ public:
     /// Begins without samples.
     void begin();
 
-    /// Takes the angles of the next sample, their standard deviations, and the mean tensions of all
-    /// cables. Whether `errors` have changed.
+    /// Takes the angles of the next sample and the mean tensions of all cables. Whether `errors` have
+    /// changed.
+    ///
+    /// unread: what these may be off by because axes had not been read.
     bool take(
-        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> unseen,
-        std::span<const double> tensions);
+        Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions,
+        std::span<const double> unread);
 
     /// What every axis may be wrong by because of its unit, 0 where nothing says so.
     std::vector<double> errors;
