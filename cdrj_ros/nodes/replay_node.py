@@ -76,7 +76,11 @@ class ReplayNode(Node):
 
     def missing(self) -> list[str]:
         """Descriptions of the missing parts of the estimator; empty if none is missing."""
-        gaps = [f"no subscriber of {p.topic_name}" for p in self.inputs if not _matched(p)]
+        gaps = [
+            f"no subscriber of {p.topic_name}"
+            for p in self.inputs
+            if not p.get_subscription_count()
+        ]
         if gaps and self._reset.service_is_ready():
             gaps[-1] += "; inputs remapped for the estimator are remapped here, too: --ros-args -r"
         gaps += [f"no publisher of {t}" for t in self.outputs if not self.count_publishers(t)]
@@ -108,8 +112,8 @@ class ReplayNode(Node):
         """Output topics of the estimator with more than one publisher."""
         return [topic for topic in self.outputs if self.count_publishers(topic) > 1]
 
-    def reset_estimator(self, executor: EventsExecutor) -> str:
-        """Reset the estimator; returns the message of its response.
+    def reset_estimator(self, executor: EventsExecutor) -> None:
+        """Reset the estimator.
 
         Raises:
             NoEstimatorError: it does not respond, or refuses.
@@ -123,7 +127,6 @@ class ReplayNode(Node):
         response = future.result()
         if not response.success:
             raise NoEstimatorError(f"the estimator refuses the reset: {response.message}")
-        return str(response.message)
 
     def is_through(self, executor: EventsExecutor) -> bool:
         """Whether the estimator responds to a request queued after all messages sent so far."""
@@ -155,7 +158,3 @@ class ReplayNode(Node):
 
 def _ignore(_payload: bytes) -> None:
     """Ignore an output received while no run is active."""
-
-
-def _matched(publisher: Any) -> bool:
-    return bool(publisher.get_subscription_count())

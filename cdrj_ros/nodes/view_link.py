@@ -21,7 +21,7 @@ from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.feed import Rate
 from cdrj_ros.nodes.parameters import FRICTION, settings
 from cdrj_ros.nodes.view_inputs import Inputs
-from cdrj_ros.report.status import FOREIGN_S
+from cdrj_ros.report.status import age_words
 from cdrj_ros.view.history import Snapshot
 from cdrj_ros.view.panels import Controls, SliderRange, filled
 
@@ -265,9 +265,7 @@ def words_of(
         stale = np.all(shown.status & STALE)
         state = "<b>Stale:</b> the estimator's inputs are late" if stale else "<b>Estimating</b>"
         hertz = "" if rate is None else f" · {rate:.0f} Hz"
-        age_s = (now_ns - shown.stamp_ns) * 1e-9
-        foreign = abs(age_s) > FOREIGN_S
-        age = "recorded stamps" if foreign else f"age {1e3 * max(age_s, 0.0):.0f} ms"
+        age = age_words((now_ns - shown.stamp_ns) * 1e-9)
         return (filled(state + "{} · {}", hertz, age), *_diagnosed(heard))
     since = f"{monotonic() - inputs.heard_s:.0f} s"
     if not there and not publishers:

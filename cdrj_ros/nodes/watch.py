@@ -29,7 +29,7 @@ from cdrj_ros.model.packing import INVALID, STALE
 from cdrj_ros.nodes.feed import LastMessage, Rate
 from cdrj_ros.nodes.settings import publishing_nodes, remapping
 from cdrj_ros.nodes.spinning import RosError, ros_context, serving, starting
-from cdrj_ros.report.status import FOREIGN_S, SIGMAS, status_words
+from cdrj_ros.report.status import SIGMAS, age_words, status_words
 
 DRAW_S: Final = 0.125
 """Time between two updates of the table in a terminal [s]."""
@@ -60,9 +60,8 @@ class WatchNode(Node):
             return self.missing()
         stamp = Time.from_msg(deserialize_message(self.last.payload, CableTensions).header.stamp)
         age_s = (self.get_clock().now() - stamp).nanoseconds * 1e-9
-        age = f"age {age_s:.3f} s" if abs(age_s) < FOREIGN_S else "recorded stamps"
         hz = self._rate.hz(self.last.count)
-        return f"{self.topic}, {age}" if hz is None else f"{self.topic}, {hz:.0f} Hz, {age}"
+        return ", ".join([self.topic, *([] if hz is None else [f"{hz:.0f} Hz"]), age_words(age_s)])
 
     def missing(self) -> str:
         """Why no message arrives."""

@@ -39,6 +39,11 @@ def status_words(status: int) -> tuple[tuple[str, str], ...]:
     return known or ((f"FLAG {status}", "yellow"),)
 
 
+def age_words(age_s: float) -> str:
+    """How old an estimate is by its stamp, where this is of the same clock."""
+    return f"age {age_s:.3f} s" if abs(age_s) < FOREIGN_S else "recorded stamps"
+
+
 def severity(status: int) -> int:
     """Place of the most severe flag in ``STATUS``, beyond the last one where there is none."""
     return next((k for k, (flag, *_) in enumerate(STATUS) if status & flag), len(STATUS))
