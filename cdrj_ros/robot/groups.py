@@ -10,7 +10,7 @@ and nothing else.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +18,10 @@ from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled
 from cdrj_ros.robot.description import Cable, Robot
+from cdrj_ros.robot.names import NAMED_KINDS
 from cdrj_ros.robot.parameters import find_number
 from cdrj_ros.robot.space import Frame
 from cdrj_ros.robot.stated import with_covariance
-
-NAMED: Final = ("motors", "joints", "frames", "cables")
-"""Parts of a robot file whose entries have names."""
 
 Groups = tuple[tuple[int, ...], ...]
 """Indices of cables, increasing; the groups in the order of their first cables."""
@@ -193,7 +191,7 @@ def has_number(document: Document, path: str) -> bool:
     """Whether a document has a number, if only by default."""
     kind, _, rest = path.partition(".")
     parts: Any = document.get(kind)
-    if kind in NAMED and not any(rest.startswith(f"{one['name']}.") for one in parts or ()):
+    if kind in NAMED_KINDS and not any(rest.startswith(f"{one['name']}.") for one in parts or ()):
         return False
     try:
         find_number(document, path)

@@ -10,6 +10,9 @@ from typing import Any, Final
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
 
+NAMED_KINDS: Final = ("motors", "joints", "frames", "cables")
+"""Lists of a robot file whose entries have names."""
+
 _KINDS: Final = ("motors.", "joints.", "effort/")
 """Beginnings of paths of numbers of motors and joints, and of channels of their efforts."""
 

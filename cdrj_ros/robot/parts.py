@@ -17,9 +17,8 @@ from typing import Any, Final
 
 from cdrj_ros.foundation.errors import Refusal, RobotFileError, ordered
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.names import renamed
+from cdrj_ros.robot.names import NAMED_KINDS, renamed
 
-NAMED_KINDS: Final = ("motors", "joints", "frames", "cables")
 KINDS: Final = (*NAMED_KINDS, "visuals")
 """Lists of a part that are added to those of the robot."""
 

@@ -26,6 +26,7 @@ from cdrj_ros.robot.description import (
     residual_shape,
 )
 from cdrj_ros.robot.document import explained, parse_document, read_text
+from cdrj_ros.robot.names import NAMED_KINDS
 from cdrj_ros.robot.space import read_visuals
 from cdrj_ros.robot.space_reader import PlaceReader, is_spatial, read_frames
 from cdrj_ros.robot.stated import check_stated, stated_numbers
@@ -72,7 +73,7 @@ def build_robot(document: Document, source: str) -> Robot:
         RobotFileError: see ``load_robot``.
     """
     refuse = Refusal(source)
-    for kind in ("joints", "motors", "frames", "cables"):
+    for kind in NAMED_KINDS:
         _check_unique(document, kind, refuse)
     joints = {joint.name: joint for joint in read_joints(document, refuse)}
     couplings = dict(read_couplings(document, joints, refuse))
