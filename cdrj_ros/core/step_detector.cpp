@@ -11,6 +11,7 @@ constexpr double TRAVEL = 1.0;     // an axis that has travelled this far has sh
 constexpr double BEYOND = 2.5;     // a step exceeds what was unexplained so far by this factor,
 constexpr double NOISE = 4.0;      // and the sensor's greatest error by this one
 constexpr double PLAIN = 10.0;     // deviation that no noise causes, by the sensor's greatest error
+constexpr double OFF_GRID = 0.05;  // deviation from whole counts by rounding [counts]
 constexpr double LATELY = 1.0 / 64.0;  // weight of a reading in the share of alternating ones
 constexpr double OFTEN = 0.1;      // from this share on two motions alternate,
 constexpr double SELDOM = 0.02;    // down to this one
@@ -54,6 +55,21 @@ bool StepDetector::is_judged(Point next) const {
 bool StepDetector::is_plain(const Motion& motion, Point next, double deviation) const {
     return next.stamp_ns - points_[2].stamp_ns <= DENSE_NS &&
            std::abs(deviation) > PLAIN * motion.error();
+}
+
+/// Whether a deviation is that of counts, worth little, which the file does not state: it is no larger than
+/// one, and the last readings differ by whole ones, at least two.
+bool StepDetector::is_count(const Motion& motion, double worth, double deviation) const {
+    if (motion.band > 0.0 || count_size_ >= worth) return false;
+    if (std::abs(deviation) > (1.0 + OFF_GRID) * count_size_) return false;
+    double least = 0.0, most = 0.0;
+    for (std::size_t i = latest_.size() - std::min(latest_.size(), LONGEST); i < latest_.size(); ++i) {
+        const double counts = (latest_[i].angle - latest_.back().angle) / count_size_;
+        if (std::abs(counts - std::nearbyint(counts)) > OFF_GRID) return false;
+        least = std::min(least, counts);
+        most = std::max(most, counts);
+    }
+    return most - least > 2.0 - OFF_GRID;
 }
 
 /// Deviation from the line through the last two readings, by the noise that it may contain.
@@ -102,7 +118,8 @@ bool StepDetector::take(const Motion& motion, double worth, Point next, bool off
     if (is_judged(next)) {
         const double deviation = bend(next);
         if (!off && !found) memory.bend = std::max(memory.bend, std::abs(deviation));
-        if (is_plain(motion, next, deviation) && next.angle != points_[2].angle) side = deviation;
+        const bool plain = is_plain(motion, next, deviation) && next.angle != points_[2].angle;
+        if (plain && !is_count(motion, worth, deviation)) side = deviation;
     }
     alternate(side * side_ < 0.0);
     side_ = side;

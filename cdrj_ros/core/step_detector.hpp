@@ -93,6 +93,7 @@ public:
 
 private:
     double bend(Point next) const;
+    bool is_count(const Motion& motion, double worth, double deviation) const;
     bool is_judged(Point next) const;
     bool stays(const Motion& motion, double angle) const {
         return std::abs(angle - still_) <= 2.0 * motion.error();

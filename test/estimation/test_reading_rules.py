@@ -25,6 +25,15 @@ joints: [{name: q, range: [-900, 900], resolution: 0.002, max_speed: 50}]
     "m",
 )
 
+UNSTATED = robot_of(
+    """
+name: unstated
+motors: [{name: m}]
+joints: [{name: q, range: [-900, 900], max_speed: 50}]
+""",
+    "m",
+)
+
 
 class Heard:
     """A conditioner, its samples, and the stamp of the next reading."""
@@ -196,6 +205,14 @@ def test_a_tenth_of_foreign_readings_leaves_an_axis_in_doubt():
         heard = Heard().both([0.0] * 20).both([0.05, 0.0] * foreign)
         assert heard.gate.refused["implausible"] == foreign
         assert heard.gate.alternating == (["m"] if is_doubted else [])
+
+
+@pytest.mark.parametrize(("count", "is_doubted"), [(0.3, False), (0.8, False), (1.2, True)])
+def test_counts_that_the_file_does_not_state_are_foreign_where_they_are_worth_w(count, is_doubted):
+    """They make zigzags of up to one count, as two publishers that differ by so little do."""
+    motion = 0.8 * np.sin(2.0 * np.pi * 0.7 * 0.005 * np.arange(1200))
+    heard = Heard(UNSTATED).both((np.round(motion / (count * W)) * count * W).tolist(), 5.0)
+    assert heard.gate.alternating == (["m"] if is_doubted else [])
 
 
 def test_two_values_for_one_time_leave_a_doubt_that_a_hundred_good_readings_end():
