@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.packing import INVALID, Layout
+from cdrj_ros.inspection.poses import pose_text
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Course, Model, course_of, poses_in_range, prepare
 from cdrj_ros.robot.description import Node, Pulley, Robot, Winch
 from cdrj_ros.simulation.faults import CableFault, Wiring, wire
@@ -76,12 +77,6 @@ class MotionError(UsageError):
 class SlackError(MotionError):
     """A motion in which a cable becomes slack."""
 
-    def __init__(self, element: str, time: float, pose: str) -> None:
-        self.element, self.time, self.pose = element, time, pose
-        super().__init__(
-            f"a cable becomes slack: element {element} has no tension at t = {time:.4g} s{pose}"
-        )
-
 
 @dataclass(frozen=True)
 class Rig:
@@ -96,10 +91,6 @@ class Rig:
         faulty = len(self.wiring.robot.motors) - motor_angle.shape[1]
         return np.pad(motor_angle, ((0, 0), (0, faulty)))
 
-    def of_motors(self, effort: Vector) -> Vector:
-        """Efforts of the robot's motors among those of the fine robot, shape (..., all motors)."""
-        return effort[..., : len(self.lumped.robot.motors)].copy()
-
 
 def make_rig(robot: Robot, cells: int, faults: Sequence[CableFault] = ()) -> Rig:
     """Divide contacts into cells and add a motor for every faulty end.
@@ -111,16 +102,9 @@ def make_rig(robot: Robot, cells: int, faults: Sequence[CableFault] = ()) -> Rig
     return Rig(prepare(robot), prepare(divide_contacts(wiring.robot, cells)), wiring)
 
 
-def joint_text(robot: Robot, joint: int, value: float) -> str:
-    """``elbow = 0.35 rad`` or ``slide = 0.12 m``."""
-    name = robot.joints[joint].name
-    return f"{name} = {value:.4g} {'m' if name in robot.prismatic_joints else 'rad'}"
-
-
-def _pose(layout: Layout, joint_angle: Vector) -> str:
-    """``, elbow = 0.35`` for every joint."""
-    named = zip(layout.joints, joint_angle, strict=True)
-    return "".join(f", {name} = {angle:.4g}" for name, angle in named)
+def moment(robot: Robot, time: float, joint_angle: Vector) -> str:
+    """A time and the pose then: ``t = 1.2 s, elbow = 20.0°, slide = 0.120 m``."""
+    return ", ".join(filter(None, (f"t = {time:.4g} s", pose_text(robot, joint_angle))))
 
 
 def require_taut(
@@ -139,15 +123,15 @@ def require_taut(
         SlackError: a cable is slack, and neither option nor fault allows it.
         UsageError: a cable that cannot be solved.
     """
-    layout = rig.lumped.layout
+    robot = rig.lumped.robot
     status = estimates[:, rig.fine.layout.status].astype(np.int64)
     broken = np.argwhere(status & INVALID)
     if broken.size:
         k, element = broken[0]
         name = rig.fine.layout.elements[element].split("/")[0]
         raise UsageError(
-            f"cable {name} has no valid state at t = {time[k]:.4g} s"
-            f"{_pose(layout, joints[k])}: it is wound in entirely, or its path is impossible"
+            f"cable {name} has no valid state at {moment(robot, time[k], joints[k])}: it is wound "
+            "in entirely, or its path is impossible"
         )
     if allow_slack or rig.wiring.faults:
         return
@@ -155,7 +139,10 @@ def require_taut(
     slack = np.argwhere(tension <= 0.0)
     if slack.size:
         k, element = slack[0]
-        raise SlackError(layout.elements[element], float(time[k]), _pose(layout, joints[k]))
+        raise SlackError(
+            f"a cable becomes slack: element {rig.lumped.layout.elements[element]} has no tension "
+            f"at {moment(robot, time[k], joints[k])}"
+        )
 
 
 def read_out(rig: Rig, estimates: Table) -> tuple[Table, NDArray[np.float64], Table, Table]:
@@ -170,7 +157,7 @@ def read_out(rig: Rig, estimates: Table) -> tuple[Table, NDArray[np.float64], Ta
     return (
         estimates[:, layout.tension].copy(),
         np.stack(forces, axis=-1),
-        rig.of_motors(estimates[:, layout.motor_effort]),
+        estimates[:, layout.motor_effort][:, : len(rig.lumped.robot.motors)].copy(),
         estimates[:, layout.joint_effort].copy(),
     )
 
@@ -251,6 +238,6 @@ def course(model: Model, joint_angle: Table) -> Course:
     """
     found, done = course_of(model, joint_angle)
     if done < joint_angle.shape[0]:
-        pose = _pose(model.layout, joint_angle[done]).removeprefix(", ")
+        pose = pose_text(model.robot, joint_angle[done])
         raise UsageError(f"the path of a cable is impossible at {pose}")
     return found

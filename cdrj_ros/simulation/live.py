@@ -70,13 +70,20 @@ class LiveRig:
         Raises:
             UsageError: no joint, stops outside the range, or an impossible fault.
         """
-        self.robot = robot
-        self.settings = _checked(robot, settings or LiveSettings())
-        self._rig = make_rig(robot, self.settings.cells, self.settings.faults)
-        self.load = self.settings.load
+        self.robot, self.settings = robot, settings or LiveSettings()
+        if not robot.motors or not robot.joints:
+            raise UsageError("a live rig needs at least one motor and one joint")
         axis = robot.joints[self.settings.joint]
         self.lower = axis.lower if self.settings.lower is None else self.settings.lower
         self.upper = axis.upper if self.settings.upper is None else self.settings.upper
+        if not axis.lower <= self.lower < self.upper <= axis.upper:
+            raise UsageError(
+                f"the stops of {axis.name} must lie within its range [{axis.lower:.4g}, "
+                f"{axis.upper:.4g}], the lower one below the upper, got {self.lower:.4g} and "
+                f"{self.upper:.4g}"
+            )
+        self._rig = make_rig(robot, self.settings.cells, self.settings.faults)
+        self.load = self.settings.load
         self.reset()
 
     def reset(self) -> None:
@@ -227,17 +234,3 @@ class LiveRig:
         self.values = self._estimates[0].copy()
         row = (one[0] for one in read_out(self._rig, self._estimates))
         self.tension, _, self.motor_effort, self.joint_effort = row
-
-
-def _checked(robot: Robot, settings: LiveSettings) -> LiveSettings:
-    if not robot.motors or not robot.joints:
-        raise UsageError("a live rig needs at least one motor and one joint")
-    axis = robot.joints[settings.joint]
-    lower = axis.lower if settings.lower is None else settings.lower
-    upper = axis.upper if settings.upper is None else settings.upper
-    if not axis.lower <= lower < upper <= axis.upper:
-        raise UsageError(
-            f"the stops of {axis.name} must lie within its range [{axis.lower:.4g}, "
-            f"{axis.upper:.4g}], the lower one below the upper, got {lower:.4g} and {upper:.4g}"
-        )
-    return settings

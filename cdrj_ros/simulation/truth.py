@@ -24,8 +24,8 @@ from cdrj_ros.simulation.assembly import (
     MotionError,
     Rig,
     Truth,
-    joint_text,
     make_rig,
+    moment,
     read_out,
     require_taut,
 )
@@ -149,8 +149,8 @@ def simulate(
         kept.append(read_out(rig, batch[:done]))  # the whole would take 7 kB for every sample
         if upto < rows.stop and joint_torque is not None:
             row = int(stepper.phase)
-            where = joint_text(robot, joint, joints[row, joint])
-            raise _unbalanced(float(joint_torque[row]), f"{where}, t = {time[upto]:.4g} s")
+            when = moment(robot, time[upto], joints[row])
+            raise _unbalanced(float(joint_torque[row]), when)
         if upto < rows.stop:
             raise _out_of_range(robot.joints[joint], float(time[upto]))
         if load is not None:
