@@ -77,6 +77,11 @@ class Kind(NamedTuple):
     """Smallest change that is possible, in this unit."""
     error: float = NONLINEAR
     """Error of a correction by it, as a share of the correction."""
+    said: tuple[str, str] = (
+        "{what} is {size} more than in the robot file",
+        "{what} is {size} less than in the robot file",
+    )
+    """How a positive change, and a negative one, is reported."""
 
 
 MODE: Final = Kind("mode", "", 1.0, start=1.0)
@@ -85,6 +90,7 @@ MODE: Final = Kind("mode", "", 1.0, start=1.0)
 PRELOAD: Final = Kind(
     "preload", "preload of {}", 0.2, start=0.18, drift=0.01, jump=1.0, reported=0.25,
     words=("N", 1.0), alike="preload of all cables", lowest=-5.0,
+    said=("{what} has risen by {size}", "{what} has lost {size}"),
 )  # fmt: skip
 """Cables settle by some percent after they are mounted, creep slowly, and slip at a clamp."""
 
@@ -97,6 +103,10 @@ effort that is a difference of cables hardly shows it."""
 ZERO: Final = Kind(
     "zero", "zero of joint {}", radians(1.0), start=0.1, jump=0.5, reported=0.3,
     words=("deg", degrees(1.0)),
+    said=(
+        "{what} is off: it reads {size} too little; ~/tare",
+        "{what} is off: it reads {size} too much; ~/tare",
+    ),
 )  # fmt: skip
 """An encoder keeps its zero within tenths of a degree, or slips on its shaft."""
 
@@ -117,6 +127,7 @@ Verdicts call it friction."""
 SLIP: Final = Kind(
     "slip", "slip of {} on its drum", 0.5, start=0.2, jump=2.0, reported=0.4, error=1.0,
     alike="slip of all cables", lowest=0.0,
+    said=("{what}: {size} of what is wound keeps no strain",) * 2,
 )  # fmt: skip
 """A cable may slip on its drum, which then keeps no strain: a share of its cable, mostly none, at
 times all.  Other errors of the model look alike to an effort, so the correction may be wholly

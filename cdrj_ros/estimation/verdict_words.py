@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from math import exp
 from typing import Final, Literal
 
-from cdrj_ros.estimation.unknowns import ZERO
-from cdrj_ros.estimation.verdicts import ALL_EFFORTS, Finding, Verdict
+from cdrj_ros.estimation.unknowns import PRELOAD, ZERO
+from cdrj_ros.estimation.verdicts import ALL_EFFORTS, BIAS, GAIN, Finding, Verdict
 from cdrj_ros.robot.description import Robot, Winch
 
 CLEAR: Final = 14.0
@@ -55,7 +55,7 @@ def report(robot: Robot, verdicts: Sequence[Verdict | None], travel: str = "") -
     found = _of_verdicts(robot, judged)
     if not travel:
         return found
-    kinds = {one.change.kind for verdict in judged for one in verdict.found if one.matters}
+    kinds = {one.change.kind.name for verdict in judged for one in verdict.found if one.matters}
     if found.level == "error" or ZERO.name in kinds:
         return replace(found, message=f"{travel}; or {found.message}")
     return replace(found, level="warn", message=travel, named=("travel",))
@@ -94,7 +94,7 @@ def _unit(robot: Robot, sensor: str) -> str:
 def _words(robot: Robot, verdict: Verdict) -> list[str]:
     if verdict.broken:
         text = f"cable {verdict.broken} carries nothing: it is broken or off its drum"
-        of_sensors = [f.change.what for f in verdict.found if f.change.kind in ("gain", "bias")]
+        of_sensors = [f.change.what for f in verdict.found if f.change.kind in (GAIN, BIAS)]
         return [text + _or(of_sensors if verdict.explained else ())]
     if verdict.opposite:
         return [_opposite(robot, verdict.opposite)]
@@ -171,24 +171,17 @@ def _opposite(robot: Robot, names: Sequence[str]) -> str:
 def _sentence(robot: Robot, found: Finding) -> str:
     one, others = found.change, found.others
     size = f"{abs(found.amount):.3g} +- {found.stddev:.2g} {one.unit}"
-    more = found.amount > 0.0
-    if one.kind == "zero":
-        text = f"{one.what} is off: it reads {size} too {'little' if more else 'much'}; ~/tare"
-    elif one.kind == "preload":
+    text = one.kind.said[found.amount < 0.0].format(what=one.what, size=size)
+    if one.kind is PRELOAD:
         file = [c.preload for c in robot.cables if one.what == f"preload of {c.name}"]
-        of = "".join(f" of {preload:.4g} N" for preload in file)
-        text = f"{one.what} has {'risen by' if more else 'lost'} {size}{of}"
+        text += "".join(f" of {preload:.4g} N" for preload in file)
         ratio = 1.0 + found.amount / (file[0] if file else 100.0)
         keys = [_effort_scale(robot, name, ratio) for name in others]
         others = tuple(
             f"{name} with {key}" if key else name for name, key in zip(others, keys, strict=True)
         )
-    elif one.kind in ("gain", "bias"):
-        text = f"{one.what} is {size} too {'high' if more else 'low'}{_remedy(robot, found)}"
-    elif one.kind == "slip":
-        text = f"{one.what}: {size} of what is wound keeps no strain"
-    else:
-        text = f"{one.what} is {size} {'more' if more else 'less'} than in the robot file"
+    elif one.kind is GAIN:
+        text += _remedy(robot, found)
     if others or found.margin > CLEAR:
         return text + _or(others)
     return text + f" ({exp(found.margin):,.0f} times likelier than any other change)"

@@ -20,14 +20,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cdrj_ros.estimation.sensors import EFFORT, Sensor
-from cdrj_ros.estimation.unknowns import AXIS, MODE, Unknown
+from cdrj_ros.estimation.unknowns import AXIS, MODE, Kind, Unknown
 from cdrj_ros.foundation.arrays import Table, Vector
 
-GAIN: Final = 0.05
-"""Smallest reported error of a sensor's gain."""
+OFF: Final = ("{what} is {size} too high", "{what} is {size} too low")
 
-BIAS: Final = 0.06
-"""Smallest reported error of a sensor's zero, by what the preloads contribute."""
+GAIN: Final = Kind("gain", "scale of {}", 1.0, reported=0.05, said=OFF)
+"""Error of a sensor's gain."""
+
+BIAS: Final = Kind("bias", "zero of {}", 1.0, reported=0.06, said=OFF)
+"""Error of a sensor's zero, by what the preloads contribute."""
 
 ALL_EFFORTS: Final = "scale of all efforts"
 """Name of the change that a wrong unit of them is."""
@@ -121,8 +123,7 @@ class Change:
 
     what: str
     """``preload of upper``."""
-    kind: str
-    """The name of a ``Kind``, ``gain`` or ``bias``."""
+    kind: Kind
     unit: str
     """Of its amount in words."""
     factor: float
@@ -131,8 +132,6 @@ class Change:
     """Smallest amount that is reported, along ``places``."""
     places: tuple[int, ...]
     """Unknowns that all change by this amount."""
-    lowest: float = -inf
-    """Smallest amount that is possible."""
     probability: float = 1.0
     """Before any reading, by that of a change of the robot."""
 
@@ -315,12 +314,10 @@ def _of_robot(unknowns: Sequence[Unknown]) -> Iterator[Change]:
         unit, factor = kind.words
         for k in own:
             amount = factor * unknowns[k].unit
-            yield Change(
-                unknowns[k].name, kind.name, unit, amount, kind.reported, (k,), kind.lowest
-            )
+            yield Change(unknowns[k].name, kind, unit, amount, kind.reported, (k,))
         if kind.alike and len(own) > 1:
             share = 100.0 * kind.unit
-            yield Change(kind.alike, kind.name, "%", share, kind.reported, tuple(own), kind.lowest)
+            yield Change(kind.alike, kind, "%", share, kind.reported, tuple(own))
 
 
 def _of_sensors(count: int, heard: Sequence[Heard]) -> Iterator[Change]:
@@ -330,13 +327,12 @@ def _of_sensors(count: int, heard: Sequence[Heard]) -> Iterator[Change]:
         gains = tuple(count + 2 * k + 1 for k in efforts)
         known = any(heard[k].sensor.gain < EFFORT.gain for k in efforts)
         likely = SELDOM if known else 1.0
-        yield Change(ALL_EFFORTS, "gain", "%", 100.0, GAIN, gains, probability=likely)
+        yield Change(ALL_EFFORTS, GAIN, "%", 100.0, GAIN.reported, gains, likely)
     for k, one in enumerate(heard):
         own, bias = one.sensor, count + 2 * k
-        scale, zero = f"scale of {own.title}", f"zero of {own.title}"
-        least = BIAS * own.scale
-        yield Change(scale, "gain", "%", 100.0, GAIN, (bias + 1,), probability=SELDOM)
-        yield Change(zero, "bias", own.unit, 1.0, least, (bias,), probability=SELDOM)
+        scale, zero = (kind.what.format(own.title) for kind in (GAIN, BIAS))
+        yield Change(scale, GAIN, "%", 100.0, GAIN.reported, (bias + 1,), SELDOM)
+        yield Change(zero, BIAS, own.unit, 1.0, BIAS.reported * own.scale, (bias,), SELDOM)
 
 
 # --- selection ------------------------------------------------------------------------------------
@@ -424,7 +420,7 @@ class _Fit:
         amounts, inverse, rest = self._without(self._at(some))
         stddev = np.sqrt(np.diag(inverse) * max(1.0, rest[-1, -1] / self.number))
         highest = (amounts + CLEARLY * stddev)[len(self.modes) :]
-        return bool((highest >= [one.lowest for one in some]).all())
+        return bool((highest >= [one.kind.lowest for one in some]).all())
 
     def _instead(self, chosen: Sequence[Change], change: Change) -> dict[Change, float]:
         """Log odds against a chosen change of every other in its place, the likeliest first."""
