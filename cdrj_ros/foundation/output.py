@@ -196,9 +196,7 @@ def format_percent(share: float | None, decimals: int = 2) -> str:
 
 def format_r2(r2: float | None) -> str:
     """R² with four decimals, or with one where it is far below zero."""
-    if r2 is None:
-        return ABSENT
-    return f"{r2:.4f}".replace("-", _MINUS) if r2 > -10.0 else f"{r2:.1f}".replace("-", _MINUS)
+    return format_number(r2, 4 if r2 is None or r2 > -10.0 else 1)
 
 
 def format_angle(degrees: float | None) -> str:

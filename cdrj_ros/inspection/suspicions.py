@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from cdrj_ros.inspection.motors import encoderless_suspicions
 from cdrj_ros.inspection.poses import pose_text
-from cdrj_ros.inspection.ranges import CableCheck, Inspection, PulleyCheck
+from cdrj_ros.inspection.ranges import CableCheck, Inspection
 from cdrj_ros.model.impossible import Suspicion, unit_doubts
 from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at
 from cdrj_ros.model.untouched import untouched_bodies
@@ -323,7 +323,7 @@ def _slip(cable: Cable, check: CableCheck) -> Iterator[Suspicion]:
                 if pulley.needed > 0.0
                 else ""
             )
-            + f": it slips only if the tension changes by about {_swing(cable, check, k, pulley)}; "
+            + f": it slips only if the tension changes by about {_swing(cable, check, k, bound)}; "
             f"until then the tensions behind it are only known to ±{bound:.2g} N",
             grave=False,
         )
@@ -355,9 +355,8 @@ def _moving_ends(
             )
 
 
-def _swing(cable: Cable, check: CableCheck, k: int, pulley: PulleyCheck) -> str:
+def _swing(cable: Cable, check: CableCheck, k: int, bound: float) -> str:
     """Change of tension ahead of a pulley that takes its friction from one bound to the other."""
-    bound = (1.0 - pulley.transmission_at_rest.low) * check.followed.high
     modulus = modulus_at(elasticity_of(cable), check.followed.high)
     behind = modulus / sum(element.length.high for element in check.elements[k + 1 :])
     contact = cable.pulleys[k].friction.bristle_stiffness
