@@ -113,7 +113,7 @@ def channel_error(
         max_abs_error=float(size.max()),
         r2=_r2(recorded, squares),
         coverage=None if stddev is None else _coverage(size, np.asarray(stddev, dtype=np.float64)),
-        mean_direction_error_deg=_mean(turned),
+        mean_direction_error_deg=float(turned.mean()) if len(turned) else None,
         max_direction_error_deg=float(turned.max()) if len(turned) else None,
         unit=unit,
     )
@@ -156,10 +156,6 @@ def _sum_of_squares(values: NDArray[np.float64]) -> float:
     busy machine waited forty times as long for it.
     """
     return float(np.square(values).sum())
-
-
-def _mean(values: NDArray[np.float64]) -> float | None:
-    return float(values.mean()) if len(values) else None
 
 
 def _coverage(size: NDArray[np.float64], stddev: NDArray[np.float64]) -> float | None:

@@ -21,6 +21,7 @@ from cdrj_ros.model.prepared import Model, mover_of, prepare
 from cdrj_ros.robot.groups import connected_cables, part_of
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.stated import with_covariance
 from cdrj_ros.robot.tolerances import Tolerance, default_tolerances, within_range
 
 SAMPLES: Final = 100
@@ -112,10 +113,8 @@ def _shares_of(model: Model) -> Shares | None:
         return None
     effect = tension_effects(model, [cause.factor for cause in causes])
     correlation = np.eye(len(causes))
-    scale = np.where(stddev > 0.0, stddev, 1.0)[: known.stated]
-    correlation[: known.stated, : known.stated] = known.covariance[
-        : known.stated, : known.stated
-    ] / np.outer(scale, scale)
+    own = slice(known.stated)
+    correlation[own, own] = with_covariance(stated, known.covariance[own, own]).correlation
     joint = np.einsum("kj,jte->kte", correlation, effect)
     contribution = (effect * joint).mean(axis=1)
     variance = np.maximum(contribution.sum(axis=0), 0.0)
