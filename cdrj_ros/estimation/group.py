@@ -95,13 +95,18 @@ class Group:
         self.columns = _columns_in(model, own)
         """Index of every quantity of the group among those of the robot."""
         self._alike = [one.kind for one in self.unknowns].index(ALIKE)
-        self._preloads = {one.only: k for k, one in enumerate(self.unknowns) if one.kind is PRELOAD}
+        self._preloads = [k for k, one in enumerate(self.unknowns) if one.kind is PRELOAD]
         """Index of the unknown of every own cable's preload."""
+        self._units = np.array([self.unknowns[k].unit for k in self._preloads])
+        """Of these [N], shape (own cables,)."""
+        self._means = np.zeros((len(self._units), len(self.columns)))
+        """Share of every quantity in every own cable's mean tension."""
+        for own_means, part in zip(self._means, own.robot.parts, strict=True):
+            own_means[part] = 1.0 / (part.stop - part.start)
         self.place = {column: k for k, column in enumerate(self.columns.tolist())}
         self.refused = 0
         """Readings that were too old."""
         self._model = model
-        self._own = own
         self._cable_of = _cables_of_columns(own)
         self._axes = [joints_of(own.robot, one).union(one.motors) for one in own.robot.cables]
         """Names of the axes of every own cable."""
@@ -204,17 +209,15 @@ class Group:
         mean, stddev = self.beliefs.moments()
         for k, one in enumerate(self.unknowns):
             if one.kind is SLIP:
-                taken = self.slopes[k, self._own.robot.parts[one.only]].mean()
-                preload = self._preloads[one.only]
-                size = taken / self.unknowns[preload].unit
-                variances[preload] = size**2 * (mean[k] ** 2 + stddev[k] ** 2)
+                taken = float(self.slopes[k] @ self._means[one.only])
+                size = taken / self._units[one.only]
+                variances[self._preloads[one.only]] = size**2 * (mean[k] ** 2 + stddev[k] ** 2)
         return variances
 
     def widen(self, changes: Vector) -> None:
         """Leave open changes of mean tensions of these sizes [N], shape (all cables,)."""
         size = np.zeros(self.beliefs.count)
-        for c, k in self._preloads.items():
-            size[k] = (changes[self.cables[c]] / self.unknowns[k].unit) ** 2
+        size[self._preloads] = (changes[self.cables] / self._units) ** 2
         self.beliefs.core.widen(size)
 
     def memory(self) -> dict[str, Any]:
@@ -298,22 +301,19 @@ class Group:
         """
         changed = self.verdict is not None and bool(self.verdict.found)
         expected, doubted = (values, self._beside) if changed else (values + shift, self._of)
-        slopes, parts = self.slopes, self._own.robot.parts
-        units = {c: self.unknowns[k].unit for c, k in self._preloads.items()}
-        slack = {
-            c for c, k in self._preloads.items() if slopes[k, parts[c]].mean() < SHOWN * units[c]
-        }
-        open_by = np.zeros(len(units) + 1)  # the last one is of efforts
-        if not slack:
+        shown = (self.slopes[self._preloads] * self._means).sum(axis=1)
+        is_slack = shown < SHOWN * self._units
+        open_by = np.zeros(len(self._units) + 1)  # the last one is of efforts
+        if not is_slack.any():
             return open_by[self._cable_of]
-        stddev = self.beliefs.moments()[1]
-        for c in slack:
-            open_by[c] = stddev[self._preloads[c]] if stddev[self._preloads[c]] > 1.0 else 0.0
+        stddev = self.beliefs.moments()[1][self._preloads]
+        open_by[:-1] = np.where(is_slack & (stddev > 1.0), stddev, 0.0)
+        slack = set(np.flatnonzero(is_slack).tolist())
         for k, one in enumerate(self.beliefs.sensors):
             off = abs(self._read[k] - expected[self.place[one.column]]) / (PRELOAD.unit * one.scale)
             for c in doubted[k] if slack.issuperset(self._of[k]) else slack & doubted[k]:
                 open_by[c] = max(open_by[c], off)
-        found = np.square(open_by * [*units.values(), 0.0])
+        found = np.square(open_by * [*self._units, 0.0])
         return found[self._cable_of]
 
     def changes(self) -> dict[str, tuple[float, float]]:

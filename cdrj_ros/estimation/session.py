@@ -247,9 +247,7 @@ class LiveEstimator:
             if self.ensemble is not None:
                 self.ensemble.shift_clock(late - 1_000_000)
         self.state = state
-        if self.ensemble is None:
-            return
-        if earlier.has_moved(sample):
+        if self.ensemble is not None and earlier.has_moved(sample):
             self.ensemble.reset()
         self._doubt_change(earlier, sample)
         self._unseen.end()
