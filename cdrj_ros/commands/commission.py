@@ -113,7 +113,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     text = path.read_text(encoding="utf-8")
     refuse_aliases(text, str(path))
     now = begin(text, str(path))
-    known = judged(now.model, now.heard)
+    known = judged(now.model, now.heard, now.interval_ns)
     say(f"new file: {words_of(known)}")
     topics = channels_of(arguments)
     for name in (one.name for one in fields(Measured)):
@@ -131,7 +131,7 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
         before, now = now, now.also(**{name: _measured(now, name, given, topics)})
         if name in ("motion", "cells") and (pair := swapped(now)):
             raise UsageError(SWAPPED.format(*pair))
-        known = judged(now.model, now.heard)
+        known = judged(now.model, now.heard, now.interval_ns)
         for note in (*unlikely(before, now), *_notes(now, suspected=bool(arguments.preload))):
             say(f"note: {note}")
         say(f"{name}: {words_of(known)}")

@@ -7,7 +7,7 @@ friction of its motors, while all joints move through their ranges.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import ceil
+from math import ceil, inf
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -31,11 +31,14 @@ from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.simulation.sensors import reading_of
 
 SAMPLE_NS: Final = 20_000_000
-"""Between two samples of the motion [ns]; with a twentieth of it the shares are the same."""
+"""Between two samples of the motion, if those of the robot are not known or further apart [ns]."""
 
-SWEEP_SAMPLES: Final = 250
-"""Of two cycles of the first joint, 2.5 s each if half of ``max_speed`` allows it: slower motions
-know more of what friction does."""
+LEAST_NS: Final = 5_000_000
+"""The least that counts: with a fifth of it the shares are the same."""
+
+SWEEP_NS: Final = 5_000_000_000
+"""Time of two cycles of the first joint, if half of ``max_speed`` allows it: slower motions know
+more of what friction does."""
 
 SWEEPS: Final = 8
 """The motion lasts 40 s at least."""
@@ -61,7 +64,9 @@ class Judged(NamedTuple):
     """Elements that are OK in less than half of the time."""
 
 
-def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) -> Judged:
+def judged(
+    model: Model, efforts: Mapping[str, float] = MappingProxyType({}), interval_ns: float = inf
+) -> Judged:
     """How well a file knows the tensions if it is right but for what it says of its accuracy.
 
     Cables that are not connected are judged one group after the other, each as if it were the whole
@@ -70,7 +75,9 @@ def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) ->
     Args:
         model: the robot.
         efforts: noise of those that it publishes, by motor [N m].
+        interval_ns: between its readings; fewer than ``SAMPLE_NS`` apart tell more of counts.
     """
+    between = round(min(max(interval_ns, LEAST_NS), SAMPLE_NS))
     robot, ok, relative = model.robot, list[NDArray[np.bool_]](), dict[str, float]()
     groups = connected_cables(robot)
     share = dict[str, float]()
@@ -80,7 +87,7 @@ def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) ->
             if len(groups) > 1:
                 own = prepare(build_robot(part_of(robot, group), robot.source), check_range=False)
             read = {name: efforts[name] for name in own.layout.motors if name in efforts}
-            known, deviation = _estimated(own, read)
+            known, deviation = _estimated(own, read, between)
             ok.append(known)
             share |= zip(own.layout.elements, known[1].mean(axis=0).tolist(), strict=True)
             for cable, span in zip(own.robot.cables, own.robot.parts, strict=True):
@@ -93,14 +100,16 @@ def judged(model: Model, efforts: Mapping[str, float] = MappingProxyType({})) ->
     )  # fmt: skip
 
 
-def _estimated(model: Model, efforts: Mapping[str, float]) -> tuple[NDArray[np.bool_], Table]:
+def _estimated(
+    model: Model, efforts: Mapping[str, float], interval_ns: int
+) -> tuple[NDArray[np.bool_], Table]:
     """Whether tensions are OK, with three sizes of their deviations, and the relative deviations.
 
     Returns:
         Shape (3, samples, elements) and (samples, elements).
     """
     elements = len(model.layout.elements)
-    read = _made_up(model, {f"{EFFORT}/{name}": efforts[name] for name in efforts})
+    read = _made_up(model, {f"{EFFORT}/{name}": efforts[name] for name in efforts}, interval_ns)
     axes = {**read.motors, **read.joints}
     angles = np.stack([one.value for one in axes.values()], axis=1)
     heard = np.array([one.value for one in read.references.values()])
@@ -139,20 +148,21 @@ def foretold(now: Commissioned, step: str) -> Judged:
         own = next(part.channels for part in parts_of(model.robot) if cell in part.channels)
         noise = {name: size for name, size in noise.items() if name in own}
     after = commissioned(now.text, now.source, Measured(motion=[_made_up(model, noise)]))
-    return judged(after.model, {**after.heard, **heard})
+    return judged(after.model, {**after.heard, **heard}, now.interval_ns)
 
 
-def _made_up(model: Model, noise: Mapping[str, float]) -> Recorded:
+def _made_up(model: Model, noise: Mapping[str, float], interval_ns: int = SAMPLE_NS) -> Recorded:
     """What encoders and other sensors, given by their noise, would read if the file were right."""
-    fastest = np.abs(np.diff(np.hstack(sweep(model, SWEEP_SAMPLES + 1)), axis=0)).max(axis=0)
-    allowed = 0.5 * SAMPLE_NS * 1e-9 * np.array([axis.max_speed for axis in model.robot.axes])
+    samples = round(SWEEP_NS / interval_ns)
+    fastest = np.abs(np.diff(np.hstack(sweep(model, samples + 1)), axis=0)).max(axis=0)
+    allowed = 0.5 * interval_ns * 1e-9 * np.array([axis.max_speed for axis in model.robot.axes])
     slower = max(1.0, float((fastest / allowed).max()))
-    cycles = sweep(model, round(slower * SWEEP_SAMPLES) + 1)  # whose last pose is the first one
+    cycles = sweep(model, round(slower * samples) + 1)  # whose last pose is the first one
     repeated = ceil(SWEEPS / slower)
     motor_angle, joint_angle = (np.tile(one[:-1], (repeated, 1)) for one in cycles)
-    stamps = SAMPLE_NS * np.arange(1, len(joint_angle) + 1)
-    samples = Samples(stamps, motor_angle, joint_angle)
-    _, estimates = run(model, initial_state(model), samples)
+    stamps = interval_ns * np.arange(1, len(joint_angle) + 1)
+    swept = Samples(stamps, motor_angle, joint_angle)
+    _, estimates = run(model, initial_state(model), swept)
     columns, generator = channel_columns(model.layout), np.random.default_rng(0)
     references = {
         name: Series(

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import cached_property, lru_cache
+from math import inf
 from typing import Any, Final
 
 import numpy as np
@@ -98,15 +99,27 @@ class Commissioned:
         """The prepared robot without what fits have found."""
         return prepare(parse_robot(self.base, self.source))
 
+    @property
+    def recorded(self) -> list[Recorded]:
+        """All recordings; that of the tare last."""
+        measured = self.measured
+        return [one for one in (*measured.motion, *measured.cells, measured.rest) if one]
+
+    @property
+    def interval_ns(self) -> float:
+        """Usual time between two readings; infinite if nothing was recorded."""
+        for one in self.recorded:
+            read = next(iter({**one.motors, **one.joints}.values()))
+            return float(np.median(np.diff(read.stamp_ns)))
+        return inf
+
     @cached_property
     def heard(self) -> dict[str, float]:
         """Noise of the efforts that the robot publishes, as they were recorded [N m], by motor."""
-        measured = self.measured
-        recorded = [one for one in (*measured.motion, *measured.cells, measured.rest) if one]
         found = {}
         for motor in self.model.layout.motors:
             name = f"{EFFORT}/{motor}"
-            if read := [one.references[name] for one in recorded if name in one.references]:
+            if read := [one.references[name] for one in self.recorded if name in one.references]:
                 found[motor] = max(noise_of(one.value) for one in read)
         return found
 

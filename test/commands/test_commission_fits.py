@@ -73,6 +73,22 @@ def test_the_counts_that_readings_show_are_written_where_the_file_states_none(tw
     assert "joints.b_pip.resolution" in after.origins
 
 
+def test_a_file_is_judged_at_the_rate_at_which_the_robot_was_recorded():
+    """More readings tell more of counts."""
+    document = dict(hand(finger("a")).document)
+    counts = {f"joints.a_{one}.resolution": 0.0015 for one in ("mcp", "pip")}
+    robot = build_robot(with_numbers(document, counts), "it")
+    now = steps.begin(text_of(robot), "it")
+    assert now.interval_ns == np.inf
+    assert now.also(motion=[recorded(robot)]).interval_ns == 2e7
+    efforts = {axis.name: 0.005 for axis in robot.motors}
+    usual, slow, often, more = (judged(now.model, efforts, interval_ns).relative
+                                for interval_ns in (2e7, np.inf, 5e6, 1e6))  # fmt: skip
+    assert usual == slow
+    assert often == more
+    assert all(often[name] < usual[name] for name in usual)
+
+
 @pytest.fixture(scope="module")
 def fits(two):
     """Of two fingers, and of the second one alone."""
