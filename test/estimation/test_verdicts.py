@@ -10,6 +10,9 @@ from cdrj_ros._core import mark_unsure
 from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
+from cdrj_ros.estimation.unknowns import FRICTION, PRELOAD, ZERO, ZERO_M
+from cdrj_ros.estimation.verdict_words import report
+from cdrj_ros.estimation.verdicts import Change, Finding, Verdict
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.packing import INVALID, OK, SLACK, UNSURE
 from cdrj_ros.model.prepared import prepare
@@ -341,3 +344,20 @@ def test_a_tare_takes_the_preload_that_a_load_cell_has_shown(model, motion):
     live.tare()
     assert live.model.robot.cables[0].preload == pytest.approx(0.8 * 36.85, rel=0.06)
     assert live.model.robot.cables[1].preload == model.robot.cables[1].preload
+
+
+@pytest.mark.parametrize(
+    ("kind", "broken", "beside"),
+    [(PRELOAD, "", False), (FRICTION, "", False), (ZERO, "", True), (ZERO_M, "", True),
+     (PRELOAD, "upper", True)],
+)  # fmt: skip
+def test_a_motor_that_turns_too_far_is_said_in_place_of_what_it_looks_like(
+    model, kind, broken, beside
+):
+    """A joint's zero and a broken cable look like such a motor, and are said beside it."""
+    change = Change("what", kind, "unit", 1.0, 0.1, (0,))
+    verdict = Verdict((Finding(change, 0.5, 0.1, (), 9.0),), broken)
+    alone, both = (report(model.robot, [None, verdict], said) for said in ("", "winch turns"))
+    assert both.message == (f"winch turns; or {alone.message}" if beside else "winch turns")
+    assert both.level == ("error" if broken else "warn")
+    assert report(model.robot, [None], "winch turns").message == "winch turns"
