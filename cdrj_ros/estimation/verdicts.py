@@ -236,8 +236,9 @@ def judge(
     unexplained = max(1.0, weighed / max(independent, 1.0))
     opposite = tuple(one.sensor.name for one in heard if _is_opposite(one, unknowns))
     swapped = _swapped(heard)
-    found = tuple(fit.finding(chosen, one) for one in chosen)
-    explanations = fit.explanations(chosen) if any(one.matters for one in found) else ()
+    instead = {one: fit.instead(chosen, one) for one in chosen}
+    found = tuple(fit.finding(chosen, one, odds) for one, odds in instead.items())
+    explanations = fit.explanations(instead) if any(one.matters for one in found) else ()
     return Verdict(
         found, "" if opposite or swapped else broken, left, unexplained, tuple(explanations),
         deviation, opposite, swapped, _times(heard),
@@ -422,7 +423,7 @@ class _Fit:
         highest = (amounts + CLEARLY * stddev)[len(self.modes) :]
         return bool((highest >= [one.kind.lowest for one in some]).all())
 
-    def _instead(self, chosen: Sequence[Change], change: Change) -> dict[Change, float]:
+    def instead(self, chosen: Sequence[Change], change: Change) -> dict[Change, float]:
         """Log odds against a chosen change of every other in its place, the likeliest first."""
         _, _, without = self._without(self._at([one for one in chosen if one is not change]))
         instead = [change, *(one for one in self.changes if one not in chosen)]
@@ -430,25 +431,27 @@ class _Fit:
         odds += [self.likely[one] for one in instead]
         return {instead[i]: float(odds[i] - odds[0]) for i in 1 + np.argsort(-odds[1:])}
 
-    def finding(self, chosen: Sequence[Change], change: Change) -> Finding:
-        """A chosen change, and what would explain the readings in its place."""
+    def finding(
+        self, chosen: Sequence[Change], change: Change, odds: Mapping[Change, float]
+    ) -> Finding:
+        """A chosen change, and what would explain the readings in its place, by its ``instead``."""
         amounts, inverse, rest = self._without(self._at(chosen))
         k = len(self.modes) + list(chosen).index(change)
         stddev = np.sqrt(inverse[k, k] * max(1.0, rest[-1, -1] / self.number))
-        odds = self._instead(chosen, change)
         others = tuple(one.what for one, own in odds.items() if own >= -AS_GOOD)
         return Finding(
             change, float(amounts[k]) * change.factor, float(stddev) * change.factor, others,
             -max(odds.values(), default=-inf),
         )  # fmt: skip
 
-    def explanations(self, chosen: Sequence[Change]) -> Iterator[Explanation]:
+    def explanations(
+        self, instead: Mapping[Change, Mapping[Change, float]]
+    ) -> Iterator[Explanation]:
         """The chosen changes, and those with another one in the place of one of them."""
-        found = [(chosen, 0.0)]
-        for change in chosen:
-            rest = [one for one in chosen if one is not change]
-            others = self._instead(chosen, change).items()
-            found += [([*rest, other], odds) for other, odds in others if odds >= -AS_GOOD]
+        found = [(list(instead), 0.0)]
+        for change, others in instead.items():
+            rest = [one for one in instead if one is not change]
+            found += [([*rest, other], odds) for other, odds in others.items() if odds >= -AS_GOOD]
         possible = [one for one in found if self._possible(one[0])]
         likeliest, own = max((odds for _, odds in possible), default=0.0), slice(self.count)
         for some, odds in possible:
