@@ -457,7 +457,8 @@ class LiveEstimator:
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
         if self.encoderless is not None:
-            raise UsageError("no reference can be set: a joint has no encoder")
+            hidden = self.model.robot.joints[self.model.robot.unmeasured[0]]
+            raise UsageError(f"no reference can be set: {hidden.name} has no encoder")
         measured = self.corrections.changes() if self.corrections is not None else {}
         change = tare(self.model, self._recent, self.changes, measured, self.readings)
         self.change(change.values)
