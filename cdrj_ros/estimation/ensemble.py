@@ -71,13 +71,8 @@ def new_members(model: Model, draws: Draws) -> _core.Ensemble:
         error[0] = 0.0
     return _core.Ensemble(
         model.core,
-        constants=draws.constants,
-        friction_share=draws.friction_share,
+        **vars(draws),
         slipping=np.outer(np.arange(members) // 2 % 2 == 1, slips),
-        effort_error=draws.effort_error,
-        reading_error=draws.reading_error,
-        zero_error=draws.zero_error,
-        unseen_share=draws.unseen_share,
         offset_gain=offset_gain(model),
         length_share=length_share(model),
         load_share=load_share(model),
@@ -117,12 +112,6 @@ class Ensemble:
         self.columns = stddev_columns(model.layout)
         self.core = new_members(model, draws)
         """The compiled ensemble, of whose memory the arrays below are views."""
-        self.constants = self.core.constants
-        """Of the prepared robot of every member, shape (members, constants)."""
-        self.states = self.core.states
-        """Shape (members, state_size)."""
-        self.stamps = self.core.stamps
-        """Of the last update of every member's cables [ns], shape (members, cables)."""
         self.deviation = self.core.deviation
         """Differences from the estimate, shape (members, columns)."""
         self.variance = self.core.variance
@@ -170,7 +159,7 @@ class Ensemble:
 
     def shift_clock(self, by_ns: int) -> None:
         """Shift the members' stamps by ``by_ns`` [ns]."""
-        self.stamps += by_ns
+        self.core.stamps[:] += by_ns
         memory = self.core.memory()
         names = ("turn_stamps", "sudden_stamps")
         for stamps in (memory["progress"][LAST_STAMP:], *(memory[name] for name in names)):

@@ -272,9 +272,9 @@ def _stretches(model: Model) -> tuple[Vector, Vector]:
     robot = model.robot
     length = whole_lengths(robot, lengths_at(model, robot.reference_pose[None]))[0]
     radii = np.abs(robot.effective_radii)
-    per_tension = np.where(radii > 0.0, 1.0 / np.maximum(radii, 1e-300), 0.0)
-    per_tension /= stiffness_at_preload(robot, length)[:, None]
-    per_effort = np.where(radii > 0.0, per_tension / np.maximum(radii, 1e-300), 0.0)
+    windings = np.divide(1.0, radii, out=np.zeros_like(radii), where=radii > 0.0)
+    per_tension = windings / stiffness_at_preload(robot, length)[:, None]
+    per_effort = windings * per_tension
     by_largest = per_tension * largest_tensions(robot)[:, None]
     return by_largest.max(axis=0, initial=0.0), per_effort.max(axis=0, initial=0.0)
 

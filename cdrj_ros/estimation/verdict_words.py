@@ -121,13 +121,7 @@ def swap(one: str, other: str) -> str:
 
 
 def turn(robot: Robot, name: str, ratio: float) -> str:
-    """A motor that turns so many times as far as its cables allow, and the keys that may be wrong.
-
-    Args:
-        robot: the robot.
-        name: of the motor.
-        ratio: not 1.
-    """
+    """A motor that turns ``ratio`` times as far as its cables allow, and the keys that fit."""
     (motor,) = (one for one in robot.motors if one.name == name)
     text = f"{name} turns {abs(ratio):.3g} times as far as its cables allow"
     fits = f"scale: {motor.sensor.scale / ratio:.4g}"

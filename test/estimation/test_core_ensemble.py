@@ -30,7 +30,9 @@ def _differences(model, ensemble, samples, values):
     known = model.robot.uncertainty
     doubted = known.may_slip if known else ()
     unsure = np.array([cable.name in doubted for cable in model.robot.cables])
-    robots = [_core.Robot(model.topology, constants.copy()) for constants in ensemble.constants]
+    robots = [
+        _core.Robot(model.topology, constants.copy()) for constants in ensemble.core.constants
+    ]
     errors, shares = ensemble.core.reading_error, ensemble.core.friction_share
     zeros = ensemble.core.zero_error
     angle = np.concatenate([samples.motor_angle, samples.joint_angle], axis=1)

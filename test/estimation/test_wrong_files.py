@@ -201,7 +201,7 @@ def test_a_tare_narrows_a_fresh_file(tool):
         for k in range(400):
             out = live.take(Sample(10**9 + k * 1_000_000, np.zeros(1), np.zeros(1)))
         widths.append(float(out.stddev[:8].mean()))  # of one cable; draws vary with NumPy
-        cables = constant_views(live.model.sizes, live.ensemble.constants).cables
+        cables = constant_views(live.model.sizes, live.ensemble.core.constants).cables
         preloads.append(float(cables["preload"][:, 0].std()) / 36.85)
         then()
     assert widths[0] > 10.0
