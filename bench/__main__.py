@@ -7,12 +7,11 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
-from bench.figures import ROOT, Row
+from bench.figures import ROOT
 from bench.roundtrip import isolate
 from cdrj_ros.foundation.files import write_text
 
@@ -32,7 +31,7 @@ SECTIONS = {
 """Modules, and texts of their progress lines."""
 
 
-def _arguments() -> argparse.Namespace:
+def _arguments():
     parser = argparse.ArgumentParser(prog="bench", description=__doc__)
     parser.add_argument(
         "--only", metavar="NAME,...",
@@ -46,7 +45,7 @@ def _arguments() -> argparse.Namespace:
     return arguments
 
 
-def machine() -> str:
+def machine():
     """Processor, cores, kernel, versions and load of this machine."""
     model = platform.machine()
     for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
@@ -61,7 +60,7 @@ def machine() -> str:
     )
 
 
-def written(rows: Sequence[Row], where: str, failed: Sequence[str]) -> str:
+def written(rows, where, failed):
     """Machine, versions and table, in Markdown."""
     lines = [
         where,
@@ -78,7 +77,7 @@ def written(rows: Sequence[Row], where: str, failed: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
+def main():
     """Run the sections; the exit code is 1 if one failed and does not depend on speed."""
     arguments = _arguments()
     isolate()

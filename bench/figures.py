@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
-from numpy.typing import ArrayLike
-
-from cdrj_ros.foundation.arrays import Table
 
 ROOT = Path(__file__).resolve().parent.parent
 ROBOT = ROOT / "config" / "robots" / "prototype.yaml"
@@ -34,13 +30,13 @@ class Row:
     """Ours over theirs, taken between neighbouring rounds."""
 
     @property
-    def missed(self) -> bool:
+    def missed(self):
         """Whether the median misses the aim; False if the aim is not a number."""
         found = re.match(r"[<≤] ([0-9.]+)", self.aim)
         value = self.ours if self.ratio is None else self.ratio
         return found is not None and value > float(found[1])
 
-    def line(self) -> str:
+    def line(self):
         """The row in Markdown."""
         numbers = (self.ours, self.theirs, self.ratio)
         units = (self.unit, self.unit, "")
@@ -52,33 +48,31 @@ class Row:
         return f"| {self.what} | {ours} | {self.beside} | {theirs} | {ratio} | {aim} |"
 
 
-def alone(what: str, unit: str, ours: ArrayLike, aim: str) -> Row:
+def alone(what, unit, ours, aim):
     """Build a row without a peer."""
     return Row(what, unit, float(np.median(ours)), aim)
 
 
-def compared(
-    what: str, unit: str, ours: ArrayLike, beside: str, theirs: ArrayLike, aim: str = ""
-) -> Row:
+def compared(what, unit, ours, beside, theirs, aim=""):
     """Build a row from alternating rounds; the ratio is taken round by round."""
     ratio = np.asarray(ours, dtype=float) / np.asarray(theirs, dtype=float)
     medians = (float(np.median(one)) for one in (theirs, ratio))
     return Row(what, unit, float(np.median(ours)), aim, beside, *medians)
 
 
-def seconds(function: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:
+def seconds(function, clock=perf_counter):
     """Duration of one call by a clock [s]."""
     begin = clock()
     function()
     return clock() - begin
 
 
-def processor_seconds(function: Callable[[], object]) -> float:
+def processor_seconds(function):
     """Processor time of one call [s]."""
     return seconds(function, process_time)
 
 
-def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
+def in_turn(rounds, *functions):
     """Time several functions in alternation, A B A B, after one warm-up round.
 
     A temporary disturbance of the machine then affects neighbouring rounds alike and cancels in
@@ -89,13 +83,13 @@ def in_turn(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
     """
     for function in functions:
         function()
-    times: list[list[float]] = [[] for _ in functions]
+    times = [[] for _ in functions]
     for _ in range(rounds):
         for taken, function in zip(times, functions, strict=True):
             taken.append(processor_seconds(function))
     return times
 
 
-def there_and_back(angles: Table) -> Table:
+def there_and_back(angles):
     """Readings of a motion and of the way back, shape (n, axes), which may be repeated."""
     return np.concatenate([angles, angles[-2:0:-1]])

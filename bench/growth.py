@@ -22,7 +22,7 @@ FREQUENCIES = {0.2: "#0072b2", 1.0: "#009e73", 3.0: "#d55e00"}
 """Of all joints [Hz], and their colours, after Okabe and Ito."""
 
 
-def main() -> None:
+def main():
     """Measure and draw."""
     models = [fingers(count) for count in FINGERS]
     plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import yaml
 
-from bench.figures import ROOT, Row, alone, compared, in_turn, processor_seconds
+from bench.figures import ROOT, alone, compared, in_turn, processor_seconds
 from bench.update import stepping
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 FINGER = ROOT / "config" / "robots" / "finger.yaml"
@@ -27,12 +26,12 @@ WINDING = (14.0 / 6.0, 9.0 / 6.0, -16.0 / 6.0)
 """Turn of the motors of a finger per turn of both its joints: arms over the drums' radius [-]."""
 
 
-def fingers(count: int) -> Model:
+def fingers(count):
     """The shipped finger ``count`` times."""
     return prepare(parse_robot(hand_text(count)))
 
 
-def hand_text(count: int) -> str:
+def hand_text(count):
     """Robot file of the shipped finger ``count`` times."""
     finger = yaml.safe_load(FINGER.read_text(encoding="utf-8"))
     used = [{"prefix": f"f{k}_"} for k in range(count)]
@@ -42,7 +41,7 @@ def hand_text(count: int) -> str:
     return yaml.safe_dump(hand, sort_keys=False)
 
 
-def motion(model: Model, rate: int, frequency: float = 1.0) -> Samples:
+def motion(model, rate, frequency=1.0):
     """Readings of all axes in whole periods, at least a second.
 
     Args:
@@ -59,9 +58,7 @@ def motion(model: Model, rate: int, frequency: float = 1.0) -> Samples:
     return Samples(stamp_ns, motor, np.tile(angle[:, None], (1, 2 * count)))
 
 
-def fed(
-    model: Model, rate: int, frequency: float = 1.0, *, torques: bool = False
-) -> Callable[[], None]:
+def fed(model, rate, frequency=1.0, *, torques=False):
     """Readings of one topic through the live estimator, with standard deviations.
 
     Args:
@@ -80,7 +77,7 @@ def fed(
     efforts += 0.001 * generator.normal(size=efforts.shape)
     live, begin = LiveEstimator(model), [0]
 
-    def updated() -> None:
+    def updated():
         for at, row, effort in zip(stamps, rows, efforts, strict=True):
             stamp = at + begin[0]
             if torques and live.wants_efforts(motors, stamp):
@@ -91,7 +88,7 @@ def fed(
     return updated
 
 
-def without_encoders(model: Model) -> Callable[[], None]:
+def without_encoders(model):
     """The estimate with no encoder at the outer joint of every finger."""
     hidden = [replace(one, measured=not one.name.endswith("pip")) for one in model.robot.joints]
     estimator = EncoderlessEstimator(prepare(replace(model.robot, joints=tuple(hidden))))
@@ -99,7 +96,7 @@ def without_encoders(model: Model) -> Callable[[], None]:
     whole = run(model, initial_state(model), read)[1]
     efforts, begin = whole.values[:, model.layout.motor_effort], [0]
 
-    def estimated() -> None:
+    def estimated():
         later = read.stamp_ns + begin[0]
         estimator.run(Samples(later, read.motor_angle, read.joint_angle[:, ::2]), efforts)
         begin[0] += 10**9
@@ -107,7 +104,7 @@ def without_encoders(model: Model) -> Callable[[], None]:
     return estimated
 
 
-def measure() -> list[Row]:
+def measure():
     """Updates of one finger and of five beside a plain step [µs], torques, and starts [s]."""
     exact = prepare(parse_robot(f"{hand_text(5)}\nuncertainty: {{others: exact}}\n"))
     robots = {"one finger": fingers(1), "five fingers": fingers(5), "five known exactly": exact}
@@ -145,5 +142,5 @@ def measure() -> list[Row]:
     return [*rows, alone(what, "s", ready, "≤ 1")]
 
 
-def _making(model: Model) -> float:
+def _making(model):
     return processor_seconds(lambda: LiveEstimator(model))

@@ -11,14 +11,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from bench.figures import ROBOT, Row, alone, compared, seconds, there_and_back
+from bench.figures import ROBOT, alone, compared, seconds, there_and_back
 from bench.hand import fingers, hand_text
 from bench.update import recorded_motion
 from cdrj_ros.commands import validate
 from cdrj_ros.estimation.estimator import Samples, initial_state, run
-from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.model.following import following_motors
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.writer import BagWriter
 from cdrj_ros.robot.parameters import with_numbers
@@ -38,7 +37,7 @@ OFTEN = (1.3, 1.9)
 """Of both joints of a finger [rad/s]."""
 
 
-def write_bag(path: Path, model: Model, motors: Table, joints: Table, every: int = 0) -> None:
+def write_bag(path, model, motors, joints, every=0):
     """Write a robot's readings, joints' half as often, with torques.
 
     Args:
@@ -51,7 +50,7 @@ def write_bag(path: Path, model: Model, motors: Table, joints: Table, every: int
     stamps = 1_700_000_000 * 10**9 + np.arange(len(motors)) * 1_000_000
     found = run(model, initial_state(model), Samples(stamps, motors, joints))[1].values
 
-    def heard(part: slice, size: float) -> Table:
+    def heard(part, size):
         return found[:, part] + noise.normal(0.0, size, found[:, part].shape)
 
     tensions, forces, *_ = topics.references
@@ -65,7 +64,7 @@ def write_bag(path: Path, model: Model, motors: Table, joints: Table, every: int
             bag.write_nodal_forces(forces, stamps[::every], layout.pulleys, magnitudes[::every])
 
 
-def write_prototype(path: Path) -> None:
+def write_prototype(path):
     """Write the sample recording's motion, to and fro for ``DURATION_S``."""
     robot = load_model(str(ROBOT)).robot
     model = prepare(build_robot(with_numbers(robot.document, TRUE), "recorded"))
@@ -77,33 +76,33 @@ def write_prototype(path: Path) -> None:
     write_bag(path, model, motors, joints, 10)
 
 
-def deserialise(path: Path) -> float:
+def deserialise(path):
     """Time [s] that rosbags needs to deserialise all messages, once it has read them."""
     from rosbags.highlevel import AnyReader
 
     with AnyReader([path]) as reader:
         raw = list(reader.messages())
 
-        def decode_all() -> None:
+        def decode_all():
             for connection, _, payload in raw:
                 reader.deserialize(payload, connection.msgtype)
 
         return seconds(decode_all)
 
 
-def _quietly(arguments: list[str]) -> None:
+def _quietly(arguments):
     with contextlib.redirect_stdout(io.StringIO()):
         validate.main(arguments)
 
 
-def _run(command: str, arguments: list[str]) -> float:
+def _run(command, arguments):
     """Time of a command from its start [s]."""
     program = f"from cdrj_ros.commands.entry import {command}; {command}()"
     given = [sys.executable, "-c", program, *arguments]
     return seconds(lambda: subprocess.run(given, check=True, stdout=subprocess.DEVNULL))
 
 
-def commissioned(folder: Path, count: int) -> float:
+def commissioned(folder, count):
     """Time of ``commission`` of fingers with tare, spring scale and motion with torques [s]."""
     robot, model = folder / "hand.yaml", fingers(count)
     robot.write_text(hand_text(count), encoding="utf-8")
@@ -118,7 +117,7 @@ def commissioned(folder: Path, count: int) -> float:
     return _run("commission", ["--yes", *(f"--{key}={value}" for key, value in given.items())])
 
 
-def measure() -> list[Row]:
+def measure():
     """Seconds for a bag of ``DURATION_S``, and of the hand's commissioning."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "long")

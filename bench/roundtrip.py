@@ -6,25 +6,22 @@ import gc
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, perf_counter
-from typing import Any
 
 import numpy as np
 
-from bench.figures import ROBOT, Row, alone, there_and_back
+from bench.figures import ROBOT, alone, there_and_back
 from bench.hand import fingers, hand_text, motion
 from bench.update import recorded_motion
-from cdrj_ros.foundation.arrays import Table
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.templates import Template
-from cdrj_ros.model.packing import Layout
-from cdrj_ros.model.prepared import Model, load_model
+from cdrj_ros.model.prepared import load_model
 
 BLOCKS = 16
 """Measured blocks, after one warm-up block; the p99 of one rests on four trips."""
@@ -49,13 +46,13 @@ Turns = tuple[np.ndarray, np.ndarray]
 """Times of all trips [s], shape (BLOCKS, TRIPS), and share of a processor that the node used."""
 
 
-def isolate() -> None:
+def isolate():
     """Give this process and its children a ROS domain of their own on this machine."""
     os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def estimator_command(robot: Path) -> list[str]:
+def estimator_command(robot):
     """Command line of the installed estimator; its timeout is long, so it never turns stale."""
     from ament_index_python.packages import get_package_prefix
 
@@ -66,7 +63,7 @@ def estimator_command(robot: Path) -> list[str]:
 
 
 @contextmanager
-def running(*command: str) -> Iterator[Process]:
+def running(*command):
     """Run a node while the body runs, then interrupt it; kill it only if it does not end."""
     process = subprocess.Popen(command)
     try:
@@ -82,7 +79,7 @@ def running(*command: str) -> Iterator[Process]:
 
 
 @contextmanager
-def listening(name: str) -> Iterator[tuple[Any, Any]]:
+def listening(name):
     """Create a node in this process and the executor that spins it."""
     import rclpy
     from rclpy.experimental import EventsExecutor
@@ -100,7 +97,7 @@ def listening(name: str) -> Iterator[tuple[Any, Any]]:
         rclpy.try_shutdown()
 
 
-def spin_until(executor: Any, condition: Callable[[], bool], process: Process) -> None:
+def spin_until(executor, condition, process):
     """Spin until a condition holds.
 
     Raises:
@@ -118,7 +115,7 @@ def spin_until(executor: Any, condition: Callable[[], bool], process: Process) -
 class Caller:
     """Publishes one sample at a time and times the answers."""
 
-    def __init__(self, node: Any, executor: Any) -> None:
+    def __init__(self, node, executor):
         """Subscribe to the answers of the estimator."""
         from cdrj_msgs.msg import CableTensions, NodalForces
         from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -132,7 +129,7 @@ class Caller:
             for topic in ("joint_states", "motor_states")
         )
 
-        def on_tensions(payload: bytes) -> None:
+        def on_tensions(payload):
             self._answered_s = perf_counter()
             self.answers += 1
             seconds, part_ns = (int.from_bytes(payload[k : k + 4], "little") for k in (4, 8))
@@ -140,7 +137,7 @@ class Caller:
             self.backwards += stamp_ns <= self.last_ns
             self.last_ns = stamp_ns
 
-        def on_others(_payload: bytes) -> None:
+        def on_others(_payload):
             """Only take them, as a user would."""
 
         topics = {"tensions": on_tensions, "nodal_forces": on_others, "efforts": on_others}
@@ -149,12 +146,12 @@ class Caller:
             node.create_subscription(kind, f"/cdrj/{topic}", callback, qos, raw=True)
         self._publishers = lambda: [node.count_publishers(f"/cdrj/{t}") for t in topics]
 
-    def is_connected(self) -> bool:
+    def is_connected(self):
         """Whether publishers and subscriptions are matched in both directions."""
         told = (one.get_subscription_count() for one in (self._joints, self._motors))
         return all(told) and all(self._publishers())
 
-    def trip(self, joint: bytes, motor: bytes) -> float:
+    def trip(self, joint, motor):
         """Seconds from publishing a sample to its tensions."""
         awaited = self.answers + 1
         begin = self._answered_s = perf_counter()
@@ -173,7 +170,7 @@ class Called:
     messages: Messages
     process: Process
 
-    def turn(self, period_s: float) -> tuple[list[float], float]:
+    def turn(self, period_s):
         """Times of ``TRIPS`` trips, one per period [s], and the node's processor time [s]."""
         before, due, times = processor_time(self.process.pid), perf_counter(), []
         for _ in range(TRIPS):
@@ -185,13 +182,13 @@ class Called:
         return times, processor_time(self.process.pid) - before
 
 
-def processor_time(process: int) -> float:
+def processor_time(process):
     """Time that the threads of a process have run [s]; an error if it has ended."""
     tasks = Path(f"/proc/{process}/task").iterdir()
     return sum(1e-9 * int((task / "schedstat").read_text().split()[0]) for task in tasks)
 
 
-def _messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> Messages:
+def _messages(layout, motors, joints, period_ns):
     """Readings played again and again."""
     joint = Template(JOINT_STATE, layout.joints, ("position",))
     motor = Template(JOINT_STATE, layout.motors, ("position",))
@@ -201,9 +198,7 @@ def _messages(layout: Layout, motors: Table, joints: Table, period_ns: int) -> M
 
 
 @contextmanager
-def called(
-    robot: Path, model: Model, motors: Table, joints: Table, period_ns: int
-) -> Iterator[Called]:
+def called(robot, model, motors, joints, period_ns):
     """An estimator with a caller that is connected to it and has readings for every period."""
     with listening("caller") as (node, executor), running(*estimator_command(robot)) as process:
         caller = Caller(node, executor)
@@ -211,7 +206,7 @@ def called(
         yield Called(caller, _messages(model.layout, motors, joints, period_ns), process)
 
 
-def _turns(robot: Path, model: Model, motors: Table, joints: Table, period_ns: int) -> Turns:
+def _turns(robot, model, motors, joints, period_ns):
     """Play readings to an estimator, one sample per period."""
     with called(robot, model, motors, joints, period_ns) as node:
         gc.collect()
@@ -222,7 +217,7 @@ def _turns(robot: Path, model: Model, motors: Table, joints: Table, period_ns: i
     return np.array(trips), np.array(used) / (TRIPS * period_ns * 1e-9)
 
 
-def _of_prototype() -> list[Row]:
+def _of_prototype():
     """The sample recording at 1 kHz."""
     model = load_model(str(ROBOT))
     read = recorded_motion(model)
@@ -236,7 +231,7 @@ def _of_prototype() -> list[Row]:
     ]
 
 
-def _of_hand(folder: Path) -> list[Row]:
+def _of_hand(folder):
     """Five fingers at 500 Hz, joints at 1 Hz."""
     robot, model = folder / "hand.yaml", fingers(FINGERS)
     robot.write_text(hand_text(FINGERS), encoding="utf-8")
@@ -249,7 +244,7 @@ def _of_hand(folder: Path) -> list[Row]:
     ]
 
 
-def measure() -> list[Row]:
+def measure():
     """Round trips and processor time of the node."""
     with TemporaryDirectory() as folder:
         return [*_of_prototype(), *_of_hand(Path(folder))]

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
 from time import perf_counter
 
 import numpy as np
 import psutil
 
 from bench.figures import ROBOT
-from bench.roundtrip import PERIOD_NS, Called, called, isolate, spin_until
+from bench.roundtrip import PERIOD_NS, called, isolate, spin_until
 from cdrj_ros.foundation.output import say
 from cdrj_ros.model.prepared import load_model
 
@@ -29,10 +28,10 @@ SWING = 0.3 * np.sin(2.0 * np.pi * np.arange(7000) / 7000.0)[:, None]
 """Angles of the joint, again and again [rad]; the winch turns by 0.12 m over 15 mm per radian."""
 
 
-def fed(node: Called, minutes: float) -> Iterator[str]:
+def fed(node, minutes):
     """Send everything and print the memory; yields what violates a bound."""
     caller, samples = node.caller, round(minutes * 60e9 / PERIOD_NS)
-    resident: list[float] = []
+    resident = []
     due = perf_counter()
     for k in range(1, samples + 1):
         due = max(due + PERIOD_NS * 1e-9, perf_counter() - 0.1)  # what was missed is not made up
@@ -50,7 +49,7 @@ def fed(node: Called, minutes: float) -> Iterator[str]:
         yield f"resident memory grew by {growth:.1f} MB after the first minute"
 
 
-def main() -> int:
+def main():
     """Run the soak; returns the exit code."""
     parser = argparse.ArgumentParser(prog="soak", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (default 30)")

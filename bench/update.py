@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.figures import BAG, ROBOT, Row, compared, in_turn
+from bench.figures import BAG, ROBOT, compared, in_turn
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Samples, initial_state, run, step
 from cdrj_ros.evaluation.inputs import condition_recording, read_inputs
-from cdrj_ros.model.prepared import Model, load_model, prepare
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.robot.imported import robot_text
 from cdrj_ros.robot.mjcf import read_mjcf
@@ -30,17 +28,17 @@ IN_MOTION = slice(4000, 4250)
 DIVIDED_ROUNDS = 5
 
 
-def recorded_motion(model: Model) -> Samples:
+def recorded_motion(model):
     """The sample recording's encoder readings, on the estimator's time line."""
     return condition_recording(model, read_inputs(str(BAG), Topics(), model)).segments[0]
 
 
-def stepping(model: Model, motion: Samples, ensemble: Ensemble | None = None) -> Callable[[], None]:
+def stepping(model, motion, ensemble=None):
     """``step`` over the samples, one call each; that of an ensemble adds standard deviations."""
     readings = [motion.at(k) for k in range(motion.stamp_ns.size)]
     advance = partial(step, model) if ensemble is None else ensemble.step
 
-    def stepped() -> None:
+    def stepped():
         if ensemble is not None:
             ensemble.reset()
         state = initial_state(model)
@@ -50,13 +48,13 @@ def stepping(model: Model, motion: Samples, ensemble: Ensemble | None = None) ->
     return stepped
 
 
-def imported() -> Model:
+def imported():
     """The robot that `import_robot` makes of the MJCF."""
     found = read_mjcf(MJCF)
     return prepare(parse_robot(robot_text(found.document, found.remarks, "")), check_range=False)
 
 
-def evaluating(poses: NDArray[np.float64]) -> Callable[[], None]:
+def evaluating(poses):
     """Lengths and Jacobians of the MJCF's tendons by MuJoCo in given poses, without friction."""
     import mujoco  # type: ignore[import-untyped,unused-ignore]
 
@@ -64,7 +62,7 @@ def evaluating(poses: NDArray[np.float64]) -> Callable[[], None]:
     data = mujoco.MjData(mechanism)
     kinematics, com_pos, tendon = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon
 
-    def evaluated() -> None:
+    def evaluated():
         qpos = data.qpos
         for pose in poses:
             qpos[:] = pose
@@ -75,12 +73,12 @@ def evaluating(poses: NDArray[np.float64]) -> Callable[[], None]:
     return evaluated
 
 
-def _run_often(model: Model, motion: Samples, times: int) -> None:
+def _run_often(model, motion, times):
     for _ in range(times):
         run(model, initial_state(model), motion)
 
 
-def divided(whole: Model, motion: Samples) -> list[Row]:
+def divided(whole, motion):
     """Time per pulley and sample [ns] where pulleys are divided into contact cells."""
     models = [prepare(divide_contacts(whole.robot, cells)) for cells in CELLS]
     repeats = [max(1, 200 // cells) for cells in CELLS]
@@ -99,7 +97,7 @@ def divided(whole: Model, motion: Samples) -> list[Row]:
     ]
 
 
-def measure() -> list[Row]:
+def measure():
     """Time per sample [µs] beside MuJoCo: alone, with deviations, and of MuJoCo's own tendons."""
     model = load_model(str(ROBOT))
     motion = recorded_motion(model).part(slice(0, STEPS))
