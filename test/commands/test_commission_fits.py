@@ -219,15 +219,6 @@ def test_a_robot_as_far_from_its_file_as_the_defaults_say_gets_what_is_foretold(
     off = np.abs([one.tension for one in late] - tension[-len(late) :])
     ratio = off / [one.stddev[: off.shape[1]] for one in late]
     good = np.array([one.status == 0 for one in late])
-    print(
-        "FIG",
-        np.mean(ratio < 2.0),
-        np.mean(ratio < 2.0, axis=0).min(),
-        good.mean(),
-        least,
-        most,
-        good.mean(axis=0),
-    )
     assert np.mean(ratio < 2.0) > 0.95
     assert np.mean(good & (ratio > 5.0)) < 0.002
     assert least - 0.1 <= good.mean() <= most + 0.1
