@@ -96,17 +96,14 @@ class MotorTravel:
 
     def __init__(self, model: Model) -> None:
         """Start without a pose."""
-        self._motor: deque[Vector] = deque(maxlen=KEPT)
-        self._joint: deque[Vector] = deque(maxlen=KEPT)
-        self._effort: deque[Vector] = deque(maxlen=KEPT)
+        self._poses: deque[tuple[Vector, Vector, Vector]] = deque(maxlen=KEPT)
+        """Angles of motors and joints, and efforts of motors."""
         self.forget()
         self.use(model)
 
     def forget(self) -> None:
         """Forget all poses."""
-        self._motor.clear()
-        self._joint.clear()
-        self._effort.clear()
+        self._poses.clear()
         self._looked_ns = NEVER
         self._suspected = ""
 
@@ -128,7 +125,7 @@ class MotorTravel:
         """
         kept = False
         for sample in samples:
-            apart_ns = FIRST_NS if len(self._motor) < FEWEST else POSE_NS
+            apart_ns = FIRST_NS if len(self._poses) < FEWEST else POSE_NS
             if sample.stamp_ns - self._looked_ns >= apart_ns:
                 self._looked_ns = sample.stamp_ns
                 kept |= self.add(sample.motor_angle, sample.joint_angle, effort)
@@ -144,14 +141,12 @@ class MotorTravel:
         """
         if self._model.robot.unmeasured or not self._model.robot.motors:
             return False
-        if self._motor:
-            by_joints = (joint_angle - self._joint[-1]) @ self._slopes
-            moved = [np.abs(motor_angle - self._motor[-1]), np.abs(by_joints)]
-            if not np.max(moved) > LEAST_TURN:
+        if self._poses:
+            motor, joint, _ = self._poses[-1]
+            moved = [motor_angle - motor, (joint_angle - joint) @ self._slopes]
+            if not np.abs(moved).max() > LEAST_TURN:
                 return False
-        self._motor.append(motor_angle.copy())
-        self._joint.append(joint_angle.copy())
-        self._effort.append(effort)
+        self._poses.append((motor_angle.copy(), joint_angle.copy(), effort))
         return True
 
     def suspicion(self, *, whole: bool = True) -> str:
@@ -160,11 +155,11 @@ class MotorTravel:
         Args:
             whole: whether the poses are those of the whole motion, which tells single factors.
         """
-        if len(self._motor) < FEWEST:
+        if len(self._poses) < FEWEST:
             return ""
-        motor, joint = np.array(self._motor), np.array(self._joint)
+        motor, joint, effort = map(np.array, zip(*self._poses, strict=True))
         expected = following_motors(self._model, joint)
-        efforts = np.ptp(np.array(self._effort), axis=0)
+        efforts = np.ptp(effort, axis=0)
         heard = efforts > 0.0
         most = np.where(heard, STRETCHED * efforts * self._per_effort, self._stretch)
         apart = np.ptp(motor - expected, axis=0) > np.minimum(most, self._stretch)
