@@ -274,9 +274,10 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;
     sample.doubtful = doubtful_at(stamp_ns, channels.size());
-    for (std::size_t k = 0; k < channels.size(); ++k) {
-        if (channels[k].off) set(sample.doubtful, k, channels.size());  // the next reading decides
-    }
+    const bool undecided = std::ranges::any_of(channels, [](const Channel& channel) {
+        return channel.off.has_value();  // the next reading decides if others have changed, too
+    });
+    if (undecided) sample.doubtful.assign(channels.size(), true);
     sample.predicted = true;
     return sample;
 }

@@ -181,11 +181,9 @@ class Problem:
     def slackens(self, coordinates: Vector) -> bool:
         """Whether a cable is slack at times: its tension then does not depend on the unknowns."""
         model = self.model(coordinates)
-        for one in self.observations:
-            found = run(model, initial_state(model), samples_by(model, one))[1]
-            if np.any(found.status == SLACK):
-                return True
-        return False
+        begin = initial_state(model)
+        runs = (run(model, begin, samples_by(model, one))[1] for one in self.observations)
+        return any(np.any(found.status == SLACK) for found in runs)
 
     def residuals(self, coordinates: Vector) -> Vector:
         """All residuals in one row; infinite where the numbers describe no possible robot."""
