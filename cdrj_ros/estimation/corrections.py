@@ -135,13 +135,11 @@ class Corrections:
         What sensors say of one cable of a group depends on the estimates of the others.
 
         Args:
-            elements: flags, shape (elements,), or (0,) for none.
+            elements: flags, shape (elements,).
 
         Returns:
             Likewise.
         """
-        if not elements.size:
-            return self.doubted
         found, parts = elements.copy(), self.model.robot.parts
         for group in self.groups:
             if any(elements[parts[c]].any() for c in group.cables):

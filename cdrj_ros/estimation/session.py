@@ -23,6 +23,7 @@ from cdrj_ros.estimation.encoderless import LiveEncoderless
 from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble
 from cdrj_ros.estimation.estimator import (
     NEVER,
+    NO_DOUBTS,
     Estimate,
     Sample,
     State,
@@ -399,9 +400,11 @@ class LiveEstimator:
     def _mark(self, sample: Sample, estimate: Estimate) -> None:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
         stddev = NO_STDDEVS if estimate.stddev is None else estimate.stddev
-        doubted = on_axes(self.model, sample.doubtful)
-        if self.corrections is not None:
-            doubted = self.corrections.doubted_beside(doubted)
+        doubted = NO_DOUBTS if self.corrections is None else self.corrections.doubted
+        if sample.doubtful.size:
+            doubted = on_axes(self.model, sample.doubtful)
+            if self.corrections is not None:
+                doubted = self.corrections.doubted_beside(doubted)
         mark_unsure(self.model.core, estimate.values, stddev, self.options.unsure_share, doubted)
         if not self.options.uncertainty:
             estimate.stddev = None
