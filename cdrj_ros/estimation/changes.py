@@ -271,8 +271,8 @@ def narrowed(robot: Robot, changed: Mapping[str, float]) -> Uncertainty | None:
         changed: their values by path [SI].
     """
     known = robot.uncertainty
-    if known is None:
-        return None
+    if known is None or not changed:
+        return known
     index = {path: k for k, path in enumerate(known.parameters)}
     covariance = known.covariance.copy()
     stated = [k < known.stated for k in index.values()]
