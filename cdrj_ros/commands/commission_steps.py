@@ -56,6 +56,11 @@ class Measured:
     cells: Sequence[Recorded] = ()
     """With load cells."""
 
+    @property
+    def recorded(self) -> list[Recorded]:
+        """All recordings; that of the tare last."""
+        return [one for one in (*self.motion, *self.cells, self.rest) if one]
+
 
 @dataclass(frozen=True)
 class Commissioned:
@@ -100,15 +105,9 @@ class Commissioned:
         return prepare(parse_robot(self.base, self.source))
 
     @property
-    def recorded(self) -> list[Recorded]:
-        """All recordings; that of the tare last."""
-        measured = self.measured
-        return [one for one in (*measured.motion, *measured.cells, measured.rest) if one]
-
-    @property
     def interval_ns(self) -> float:
         """Usual time between two readings; infinite if nothing was recorded."""
-        for one in self.recorded:
+        for one in self.measured.recorded:
             read = next(iter({**one.motors, **one.joints}.values()))
             return float(np.median(np.diff(read.stamp_ns)))
         return inf
@@ -119,7 +118,9 @@ class Commissioned:
         found = {}
         for motor in self.model.layout.motors:
             name = f"{EFFORT}/{motor}"
-            if read := [one.references[name] for one in self.recorded if name in one.references]:
+            if read := [
+                one.references[name] for one in self.measured.recorded if name in one.references
+            ]:
                 found[motor] = max(noise_of(one.value) for one in read)
         return found
 
@@ -147,7 +148,7 @@ def commissioned(fresh: str, source: str, measured: Measured) -> Commissioned:
         UsageError: one does not belong to the robot, or there is nothing to fit to.
     """
     recordings = [*measured.motion, *measured.cells]
-    counts = _counts(parse_robot(fresh, source), recordings)
+    counts = _counts(parse_robot(fresh, source), measured.recorded)
     text = with_numbers_in_text(fresh, counts, source)
     robot = parse_robot(text, source)
     origins = dict.fromkeys(counts, "counts of the readings")

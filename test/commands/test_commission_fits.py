@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from support.compared import each
-from support.fingers import WRIST, cable, finger, hand, recorded
+from support.fingers import STAMPS, WRIST, cable, finger, hand, recorded
 
 from cdrj_ros.api import Estimator
 from cdrj_ros.commands import commission_steps as steps
@@ -75,6 +75,12 @@ def test_the_counts_that_readings_show_are_written_where_the_file_states_none(tw
         **dict.fromkeys(known, 0.0), **dict.fromkeys(joints, count), "a_mcp": 1e-3,
     })  # fmt: skip
     assert "joints.b_pip.resolution" in after.origins
+    begun = np.repeat(np.arange(200), [100] + [1] * 199)
+    tare = [{name: replace(one, stamp_ns=STAMPS[0] + 20_000_000 * np.arange(299),
+                           log_ns=STAMPS[0] + 20_000_000 * np.arange(299), value=one.value[begun])
+             for name, one in some.items()} for some in (motion.motors, joints)]  # fmt: skip
+    rested = steps.begin(text_of(two), "hand").also(rest=Recorded("tare", *tare, {}))
+    assert rested.model.robot.joints[0].sensor.resolution == pytest.approx(count)
 
 
 def test_a_file_is_judged_at_the_rate_at_which_the_robot_was_recorded():
