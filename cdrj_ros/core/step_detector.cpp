@@ -195,6 +195,7 @@ void StepDetector::follow(const Motion& motion, Point next) {
         equal_ = 0;
         compared_ = repeats_ = false;
         still_ = next.angle;
+        still_since_ns_ = next.stamp_ns;
     }
     latest_.push_back(next);
     if (latest_.size() > 3 * MOST + 1) latest_.pop_front();

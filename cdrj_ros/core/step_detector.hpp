@@ -86,6 +86,9 @@ public:
         return repeats_ && !stays(motion, angle);
     }
 
+    /// Stamp of the first of the last readings that are alike.
+    Nanoseconds still_since_ns() const { return still_since_ns_; }
+
     /// Stamp of the reading that they repeat.
     Nanoseconds repeated_since_ns() const { return repeated_since_ns_; }
 
@@ -116,6 +119,7 @@ private:
     bool compared_ = false;          // whether these have been compared with those before them
     bool repeats_ = false;
     Nanoseconds repeated_since_ns_ = -1;
+    Nanoseconds still_since_ns_ = -1;
 };
 
 }  // namespace cdrj

@@ -231,7 +231,7 @@ void TimeLine::interpolate(
         }
         tell_offsets(channels, sample);
         std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= last_ns; });
-        sample.doubtful = doubtful_at(last_ns, channels.size());
+        sample.doubtful = doubtful_at(last_ns, channels);
         sample.silent = last_ns <= ahead_ns_;
         began = true;
         to.push_back(std::move(sample));
@@ -273,7 +273,7 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     }
     sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;
-    sample.doubtful = doubtful_at(stamp_ns, channels.size());
+    sample.doubtful = doubtful_at(stamp_ns, channels);
     const bool undecided = std::ranges::any_of(channels, [](const Channel& channel) {
         return channel.off.has_value();  // the next reading decides if others have changed, too
     });
@@ -282,12 +282,19 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     return sample;
 }
 
-/// `Sample::doubtful`.
-std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, std::size_t channels) const {
+/// `Sample::doubtful`: with an axis that is stuck, those whose readings have not changed since then either.
+std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, Channels channels) const {
     std::vector<bool> found;
     for (const Doubt& doubt : doubts_) {
         const bool holds = doubt.after_ns < stamp_ns && stamp_ns < doubt.until_ns;
-        if (holds) set(found, doubt.channel, channels);
+        if (holds) set(found, doubt.channel, channels.size());
+    }
+    for (const Channel& stuck : channels) {
+        if (!stuck.steps.repeats()) continue;
+        for (std::size_t k = 0; k < channels.size(); ++k) {
+            const bool still = channels[k].steps.still_since_ns() <= stuck.steps.repeated_since_ns();
+            if (still) set(found, k, channels.size());
+        }
     }
     return found;
 }

@@ -70,7 +70,7 @@ private:
     void interpolate(Axes axes, Channels channels, Nanoseconds until_ns, std::vector<Sample>& to);
     bool is_predictable(Channels channels, Nanoseconds newest_ns, Nanoseconds until_ns) const;
     Sample predict(Axes axes, Channels channels, Nanoseconds stamp_ns);
-    std::vector<bool> doubtful_at(Nanoseconds stamp_ns, std::size_t channels) const;
+    std::vector<bool> doubtful_at(Nanoseconds stamp_ns, Channels channels) const;
 
     bool predict_;
     Nanoseconds horizon_ns_;

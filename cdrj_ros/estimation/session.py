@@ -250,7 +250,7 @@ class LiveEstimator:
         self.state = state
         if self.ensemble is not None and earlier.has_moved(sample):
             self.ensemble.reset()
-        self._doubt_change(earlier, sample)
+        self._doubt_change(earlier, sample._replace(after_gap=NO_DOUBTS))  # none was read meanwhile
         self._unseen.end()
 
     def _doubt_change(self, earlier: EarlierRun, sample: Sample) -> None:
@@ -401,7 +401,7 @@ class LiveEstimator:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
         stddev = NO_STDDEVS if estimate.stddev is None else estimate.stddev
         doubted = NO_DOUBTS if self.corrections is None else self.corrections.doubted
-        if sample.doubtful.size:
+        if sample.doubtful.any():
             doubted = on_axes(self.model, sample.doubtful)
             if self.corrections is not None:
                 doubted = self.corrections.doubted_beside(doubted)

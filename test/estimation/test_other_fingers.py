@@ -29,15 +29,26 @@ def five():
     return prepare(parse_robot(yaml.safe_dump(known, sort_keys=False)))
 
 
-@pytest.fixture(scope="module")
-def messages(five):
-    """Of all axes at 200 Hz; the joints of each finger move at a frequency of its own."""
-    time = 0.005 * np.arange(COUNT)
-    joints = [0.3 - 0.25 * np.cos(2.0 * np.pi * (0.7 + 0.05 * k) * time) for k in range(10)]
-    angles = np.stack(joints, axis=1)
-    rows = np.hstack([following_motors(five, angles), angles]).tolist()
+def moved(five, resting=0):
+    """Messages of all axes at 200 Hz; each joint moves at a frequency of its own.
+
+    The last joints rest from their first turn on.
+    """
+    time, angles = 0.005 * np.arange(COUNT), []
+    for k in range(10):
+        frequency = 0.7 + 0.05 * k
+        since = np.minimum(time, 0.5 / frequency) if k >= 10 - resting else time
+        angles.append(0.3 - 0.25 * np.cos(2.0 * np.pi * frequency * since))
+    table = np.stack(angles, axis=1)
+    rows = np.hstack([following_motors(five, table), table]).tolist()
     names = (*five.layout.motors, *five.layout.joints)
     return [Message(START + 5 * k * MS, names, tuple(row)) for k, row in enumerate(rows)]
+
+
+@pytest.fixture(scope="module")
+def messages(five):
+    """All joints move."""
+    return moved(five)
 
 
 def changed(name, change):
@@ -139,3 +150,35 @@ def test_in_a_recording_neither(what, five, messages, clean):
     for k, stamp in enumerate(found.stamp_ns.tolist()):
         own = [part[k, OWN:40].tobytes() for part in (found.status, found.tension, found.stddev)]
         assert own == expected[stamp]
+
+
+def test_a_finger_at_rest_is_in_doubt_too_where_the_driver_of_all_hangs(five):
+    """It repeats its last message: one finger was in motion then, the others rested."""
+    right = moved(five, resting=8)
+    hung = right[:BEGIN] + [one._replace(positions=right[BEGIN].positions) for one in right[BEGIN:]]
+    assert all((one.status == 0).all() for one in feed(five, right)[-GAP:])
+    assert all((one.status != 0).all() for one in feed(five, hung)[-GAP:])
+
+
+def test_a_break_of_the_run_leaves_all_axes_unseen_although_some_were_read_in_a_gap(five, messages):
+    """The motors of a come back first, and pause; those of b slipped while nobody looked."""
+
+    def slipped(message, only=""):
+        read = {name: angle + 0.008 * (name == "b_motor0")
+                for name, angle in zip(message.names, message.positions, strict=True)
+                if name.startswith(only)}  # fmt: skip
+        return message._replace(names=tuple(read), positions=tuple(read.values()))
+
+    def resumed(early):
+        live = LiveEstimator(five)
+        for one in messages[:BEGIN]:
+            live.feed("both", one.stamp_ns, one.names, one.positions)
+        live.suspend()
+        later = [slipped(one) for one in messages[BEGIN + GAP + 60 :]]
+        found = []
+        for one in [slipped(one, "a_motor") for one in early] + later:
+            found += live.feed("both", one.stamp_ns, one.names, one.positions)[1]
+        return found[-1].stddev[OWN : 2 * OWN]
+
+    plain, paused = resumed([]), resumed(messages[BEGIN + 30 : BEGIN + 40])
+    np.testing.assert_allclose(paused, plain, rtol=0.05)
