@@ -244,7 +244,7 @@ def _slips(model: Model) -> Iterator[str]:
         if one.unseen > 0.0:
             parts.append(f"up to {one.unseen:.2g} {unit} ({one.tension:.2g} N) is not seen")
         if isfinite(one.unsure):
-            parts.append(f"beyond {one.unsure:.2g} {unit}, if seen, makes all elements UNSURE")
+            parts.append(f"beyond {one.unsure:.2g} {unit}, if seen, makes its cables UNSURE")
         if parts:
             yield f"{one.axis}: a slip of its encoder {', '.join(parts)}"
 

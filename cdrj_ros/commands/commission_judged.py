@@ -75,7 +75,7 @@ def judged(
     Args:
         model: the robot.
         efforts: noise of those that it publishes, by motor [N m].
-        interval_ns: between its readings; fewer than ``SAMPLE_NS`` apart tell more of counts.
+        interval_ns: between its readings; those less than ``SAMPLE_NS`` apart tell more of counts.
     """
     between = round(min(max(interval_ns, LEAST_NS), SAMPLE_NS))
     robot, ok, relative = model.robot, list[NDArray[np.bool_]](), dict[str, float]()

@@ -341,6 +341,7 @@ void bind_ensemble(nb::module_& core) {
             "Mean squares of these deviations (U1), shape (quantities,).")
         .def("memory", memory_of, "Views of all that outlasts a restart, by name.");
     core.attr("MOVED") = MOVED;
+    core.attr("BOUNDS") = BOUNDS;
     core.def(
         "mark_unsure", mark_estimates, "robot"_a, "estimates"_a, "stddev"_a, "share"_a, "doubted"_a, R"(
         Set ``UNSURE`` where tensions are not credible, known too badly for them and the preload, or in doubt.

@@ -18,6 +18,9 @@ namespace cdrj {
 /// If an axis moves further than this in a gap, the friction history is unknown [rad].
 inline constexpr double MOVED = 0.01;
 
+/// Standard deviations within which unread angles are.
+inline constexpr double BOUNDS = 3.0;
+
 /// Unseen deviations of the angles are small where they change the tensions of a cable by at most this
 /// share of their standard deviations (U17).
 inline constexpr double SMALL = 0.3;

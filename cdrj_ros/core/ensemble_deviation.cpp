@@ -7,13 +7,6 @@
 #include "ensemble.hpp"
 
 namespace cdrj {
-namespace {
-
-/// Standard deviations within which unread angles are.
-constexpr double BOUNDS = 3.0;
-
-}  // namespace
-
 /// Compare all quantities of the member in turn.
 void Ensemble::compare(
     Nanoseconds stamp, std::span<const double> own, std::span<const double> nominal) {

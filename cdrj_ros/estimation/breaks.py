@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from cdrj_ros._core import MOVED
+from cdrj_ros._core import BOUNDS, MOVED
 from cdrj_ros.estimation.estimator import Sample, State, on_axes, step
 from cdrj_ros.estimation.model_error import length_share, stiffness
 from cdrj_ros.foundation.arrays import Vector
@@ -15,9 +15,6 @@ from cdrj_ros.model.prepared import Model, shape_at
 
 UNWATCHED_NS: Final = 100_000_000
 """After a longer time between two runs, the friction history of a moved robot is unknown [ns]."""
-
-BOUNDS: Final = 3.0
-"""Standard deviations within which angles between two readings are."""
 
 
 @dataclass(frozen=True)

@@ -62,14 +62,15 @@ FEWEST: Final = 10
 
 
 VARIED: Final = 0.01
-"""Share of the differences between readings, in counts, that are not as the one before; of an axis
-at constant speed, whose readings lie on a grid, fewer are."""
+"""In motion, the steps of a sensor with counts differ from the one before more often than this
+share; at constant speed exact readings lie on a grid, too, but their steps are equal."""
 
 
 def count_of(readings: Vector) -> float:
     """The resolution that readings show, of which all their differences are multiples, or 0."""
-    few = readings[:COUNTED]
-    few = few[np.isfinite(few)]
+    few = readings[np.isfinite(readings)]
+    rested = int(np.argmax(few != few[0])) if few.size else 0
+    few = few[max(rested - 1, 0) :][:COUNTED]  # from the first motion on
     differences = np.diff(np.unique(few))
     differences = differences[differences > ROUNDING * differences.sum()]
     if differences.size < FEWEST:
@@ -78,7 +79,8 @@ def count_of(readings: Vector) -> float:
     ratio = differences / count
     steps = np.rint(np.abs(np.diff(few)) / count)
     on_grid = float(np.abs(ratio - np.rint(ratio)).max()) < ON_GRID
-    return count if on_grid and np.mean(steps[1:] != steps[:-1]) > VARIED else 0.0
+    moving = steps[1:] + steps[:-1] > 0.0
+    return count if on_grid and np.mean((steps[1:] != steps[:-1])[moving]) > VARIED else 0.0
 
 
 def efforts_of(robot: Robot, names: Sequence[str], efforts: Vector) -> Vector:
@@ -168,7 +170,7 @@ class Slip(NamedTuple):
     tension: float
     """What such a step is worth in the tension of a cable [N]."""
     unsure: float
-    """A step beyond this makes all elements ``UNSURE`` [rad] or [m]."""
+    """A step beyond this makes the elements of its cables ``UNSURE`` [rad] or [m]."""
 
 
 def slips(model: Model) -> list[Slip]:

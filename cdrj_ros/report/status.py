@@ -41,7 +41,7 @@ def status_words(status: int) -> tuple[tuple[str, str], ...]:
 
 def age_words(age_s: float) -> str:
     """How old an estimate is by its stamp, where this is of the same clock."""
-    return f"age {age_s:.3f} s" if abs(age_s) < FOREIGN_S else "recorded stamps"
+    return f"age {max(age_s, 0.0):.3f} s" if abs(age_s) < FOREIGN_S else "recorded stamps"
 
 
 def severity(status: int) -> int:

@@ -28,6 +28,8 @@ def test_the_count_of_readings_is_found_where_there_is_one():
     assert count_of(np.round(smooth / COUNT) * COUNT) == pytest.approx(COUNT)
     assert count_of(smooth) == 0.0
     assert count_of(np.zeros(100)) == 0.0
+    later = np.concatenate([np.zeros(30_000), smooth])
+    assert count_of(np.round(later / COUNT) * COUNT) == pytest.approx(COUNT), "after a long rest"
     to_and_fro = np.abs(np.arange(500) % 200 - 100)
     assert count_of(0.003 * to_and_fro) == 0.0, "a motion at a constant speed"
     assert count_of(0.003 * np.floor(0.3 * to_and_fro)) == pytest.approx(0.003)
