@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from math import pi
-from typing import Any
+from typing import Any, Final
 
 from cdrj_ros.foundation.errors import Refusal, ordered
 from cdrj_ros.foundation.yaml import Document
@@ -23,6 +23,8 @@ from cdrj_ros.robot.description import (
     Winch,
 )
 from cdrj_ros.robot.space_reader import ONLY_IN_SPACE, PlaceReader, has_bearing
+
+FRICTION_KEYS: Final = frozenset(field.name for field in fields(Friction))
 
 
 @dataclass(frozen=True)
@@ -260,5 +262,4 @@ class CableReader:
                 "is missing: where mu_s differs from mu_c, the speed [m/s] that separates them "
                 "must be given (published values lie between 1e-4 and 5e-2)",
             )
-        names = {field.name for field in fields(Friction)}
-        return Friction(**{key: value for key, value in merged.items() if key in names})
+        return Friction(**{key: value for key, value in merged.items() if key in FRICTION_KEYS})
