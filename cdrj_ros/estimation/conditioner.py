@@ -60,7 +60,6 @@ ROUNDING: Final = 1e-9
 FEWEST: Final = 10
 """Differences of readings below which they may have a common divisor by chance."""
 
-
 VARIED: Final = 0.01
 """In motion, the steps of a sensor with counts differ from the one before more often than this
 share; at constant speed exact readings lie on a grid, too, but their steps are equal."""

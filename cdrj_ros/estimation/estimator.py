@@ -362,8 +362,10 @@ class Estimates(Quantities):
         for axes, name in zip(rows, chosen, strict=True):
             k = names.index(name)
             tension, flagged = self.tension[:, k], self.status[:, k] != 0
+            margin = 0.0
             if self.tension_stddev is not None:
                 band = 2.0 * self.tension_stddev[:, k]
+                margin = 1.1 * float(band[~flagged].max(initial=0.0))
                 axes.fill_between(time_s, tension - band, tension + band, alpha=0.25, label="± 2σ")
             (line,) = axes.plot(
                 time_s, np.where(flagged, np.nan, tension), label="estimate, status 0"
@@ -376,10 +378,12 @@ class Estimates(Quantities):
             # bands of an unknown friction history would hide the tensions
             known = tension[np.isfinite(tension)]
             if known.size:
-                margin = 0.2 * float(np.ptp(known)) + 0.05 * float(np.abs(known).max())
+                least = 0.2 * float(np.ptp(known)) + 0.05 * float(np.abs(known).max())
+                margin = max(margin, least)
                 axes.set_ylim(float(known.min()) - margin, float(known.max()) + margin)
             axes.set_ylabel(f"{name} [N]")
-        rows[0].legend(ncols=3, frameon=False)
+        labelled = rows[0].get_legend_handles_labels()
+        figure.legend(*labelled, loc="outside upper center", ncols=3, frameon=False)
         rows[-1].set_xlabel("time [s]")
         return figure
 

@@ -373,7 +373,9 @@ def status_lines(bags: Sequence[BagComparison]) -> list[str]:
     """The share of OK, and verdicts in lines that name the recording; none that is not known."""
     share = usable_share(bags)
     lines = (
-        [] if share is None else [f"status OK: {format_percent(share)} of the estimated tensions"]
+        []
+        if share is None
+        else [f"status OK: {format_percent(share)} of all tensions (docs/commission.md)"]
     )
     for bag in bags:
         verdict = health_lines(bag.health) if bag.health else []
