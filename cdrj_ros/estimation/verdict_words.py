@@ -23,21 +23,21 @@ SMALL_OR_LARGE: Final = 3.0
 REVERSED: Final = 0.2
 """Largest difference from -1 of the factor of a drum that winds the other way."""
 
-Level = Literal["ok", "warn", "error"]
+Level = Literal["ok", "warn", "error", "stale"]
 
 
 @dataclass(frozen=True)
 class Report:
-    """What all sensors of a robot show, for people."""
+    """What is found of a robot and its sensors, for people."""
 
     level: Level
-    """``warn``: the robot or a sensor differs from the file by more than the file leaves open;
-    ``error``: a cable carries nothing."""
+    """Of sensors, ``warn``: the robot or one of them differs from the file by more than the file
+    leaves open; ``error``: a cable carries nothing."""
     message: str
     values: dict[str, str]
     """Figures by name."""
     named: tuple[str, ...] = ()
-    """The changes that ``message`` names."""
+    """The changes, or causes, that ``message`` names."""
 
 
 def report(robot: Robot, verdicts: Sequence[Verdict | None], travel: str = "") -> Report:

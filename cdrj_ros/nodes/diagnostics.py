@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from cdrj_ros.estimation.ensemble import UNSURE_SHARE
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.refusals import sparse_words
 from cdrj_ros.estimation.session import LiveEstimator
-from cdrj_ros.estimation.verdict_words import Report
+from cdrj_ros.estimation.verdict_words import Level, Report
 from cdrj_ros.foundation.output import listed, printable
 from cdrj_ros.model.packing import INVALID, OVERLOAD, SLACK, UNSURE
 
@@ -25,8 +25,9 @@ LEVELS: Final = {
     "ok": DiagnosticStatus.OK,
     "warn": DiagnosticStatus.WARN,
     "error": DiagnosticStatus.ERROR,
+    "stale": DiagnosticStatus.STALE,
 }
-"""Levels of verdicts."""
+"""Levels of reports."""
 
 DOUBTED: Final = 0.1
 """A sensor whose probability of being right is smaller is reported."""
@@ -90,20 +91,20 @@ def names_with(estimate: Estimate, flag: int) -> list[str]:
     ]
 
 
-def status_of(
-    name: str, live: LiveEstimator, estimate: Estimate | None, health: Health, times: StepTimes
-) -> DiagnosticStatus:
-    """The estimator's DiagnosticStatus."""
+def report_of(
+    live: LiveEstimator, estimate: Estimate | None, health: Health, times: StepTimes
+) -> Report:
+    """What the estimator says of itself."""
     flagged = {
         flag: names_with(estimate, flag) if estimate else []
         for flag in (SLACK, OVERLOAD, UNSURE, INVALID)
     }
-    if estimate is None:
-        level, message = DiagnosticStatus.WARN, f"waiting: {health.waiting}"
-    else:
-        level, message = _verdict(live, flagged, health)
+    found = Report("warn", f"waiting: {health.waiting}", {})
+    if estimate is not None:
+        found = _severest(live, flagged, health)
     if health.clock:
-        level, message = max(level, DiagnosticStatus.WARN), f"{message}; {health.clock}"
+        level = "warn" if found.level == "ok" else found.level
+        found = Report(level, f"{found.message}; {health.clock}", {}, (*found.named, "clock"))
     values = {
         "rate [Hz]": f"{health.rate_hz:.1f}",
         "age [s]": "none" if health.age_s == float("inf") else f"{health.age_s:.3f}",
@@ -111,16 +112,17 @@ def status_of(
         "impossible times on /clock": str(health.clock_refused),
         "stamped on arrival": ", ".join(health.by_arrival) or "none",
     }
-    return diagnostic_status(name, level, message, live.model.robot.name, values)
+    return replace(found, values=values)
 
 
-def diagnostic_status(
-    name: str, level: bytes, message: str, robot: str, values: Mapping[str, str]
-) -> DiagnosticStatus:
-    """A DiagnosticStatus whose hardware is a robot."""
-    shown = [KeyValue(key=key, value=value) for key, value in values.items()]
+def status_of(name: str, report: Report, robot: str) -> DiagnosticStatus:
+    """A report as DiagnosticStatus, whose hardware is a robot."""
     return DiagnosticStatus(
-        level=level, name=name, message=message, hardware_id=robot, values=shown
+        level=LEVELS[report.level],
+        name=name,
+        message=printable(report.message),
+        hardware_id=robot,
+        values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
     )
 
 
@@ -148,59 +150,59 @@ def _sparse(live: LiveEstimator, rate_hz: float) -> str:
     return sparse_words(live.model.robot, worth, midway, rate_hz, 0.5 * UNSURE_SHARE)
 
 
-def _verdict(
-    live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health
-) -> tuple[bytes, str]:
-    """Level and message of the most severe cause; requires an estimate."""
-    ok, warn, error = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+def _severest(live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health) -> Report:
+    """The most severe cause, by its name; none has a name that is logged elsewhere or often."""
     doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
     stepped, lagging = _steps(live), _lags(live)
     sparse = _sparse(live, health.rate_hz)
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
     unused = f"no estimate for {health.timeout_s:g} s: {health.waiting}"
-    causes = (
-        (silent and health.heard and health.waiting, error, unused),
-        (silent, DiagnosticStatus.STALE, f"no input for {health.timeout_s:g} s"),
-        (deaf, error, "no effort of a motor: joints without encoder need it"),
-        (health.misfit, error, health.misfit),
-        (flagged[INVALID], error, f"not solved: {listed(flagged[INVALID])}"),
-        (flagged[OVERLOAD], error, f"overload: {listed(flagged[OVERLOAD])}"),
+    causes: tuple[tuple[object, Level, str, str], ...] = (
+        (silent and health.heard and health.waiting, "error", "", unused),
+        (silent, "stale", "", f"no input for {health.timeout_s:g} s"),
+        (deaf, "error", "no effort", "no effort of a motor: joints without encoder need it"),
+        (health.misfit, "error", "misfit", health.misfit),
+        (flagged[INVALID], "error", "not solved", f"not solved: {listed(flagged[INVALID])}"),
+        (flagged[OVERLOAD], "error", "overload", f"overload: {listed(flagged[OVERLOAD])}"),
         (
-            health.age_s > health.timeout_s, warn,
+            health.age_s > health.timeout_s, "warn", "age",
             f"estimates are {health.age_s:.3g} s old: a topic lags, or all inputs come late",
         ),
         (
-            health.alternating, warn,
+            health.alternating, "warn", "alternating",
             f"readings contradict each other or alternate between motions: {health.alternating}",
         ),
         (
-            live.conditioner.stuck, warn,
+            live.conditioner.stuck, "warn", "old readings",
             f"readings are old although their stamps are new: {listed(live.conditioner.stuck)}",
         ),
-        (health.other_estimators, warn, health.other_estimators),
+        (health.other_estimators, "warn", "several estimators", health.other_estimators),
         (
-            stepped, warn,
+            stepped, "warn", "steps",
             f"readings stepped further than the axis can move: {listed(stepped)}; ~/tare",
         ),
         (
-            lagging, warn,
+            lagging, "warn", "lags",
             f"readings lag: {listed(lagging)}; a late topic, or another clock (clock_offset)",
         ),
         (
-            live.misfitting, warn,
+            live.misfitting, "warn", "joints misfit",
             f"misfit of motors and joints (unit?): {listed(live.misfitting)}",
         ),
-        (doubted, warn, f"sensors that contradict the others or the robot: {listed(doubted)}"),
-        (health.refusing, warn, health.refusing),
-        (flagged[SLACK], warn, f"slack: {listed(flagged[SLACK])}"),
-        (flagged[UNSURE] and sparse, warn, f"unsure: {sparse}"),
-        (flagged[UNSURE], warn, f"unsure: {listed(flagged[UNSURE])}"),
+        (
+            doubted, "warn", "sensors",
+            f"sensors that contradict the others or the robot: {listed(doubted)}",
+        ),
+        (health.refusing, "warn", "refused", health.refusing),
+        (flagged[SLACK], "warn", "", f"slack: {listed(flagged[SLACK])}"),
+        (flagged[UNSURE] and sparse, "warn", "sparse", f"unsure: {sparse}"),
+        (flagged[UNSURE], "warn", "", f"unsure: {listed(flagged[UNSURE])}"),
     )  # fmt: skip
-    for holds, level, message in causes:
+    for holds, level, cause, message in causes:
         if holds:
-            return level, message
-    return ok, "estimating"
+            return Report(level, message, {}, (cause,) if cause else ())
+    return Report("ok", "estimating", {})
 
 
 def _figures(
@@ -240,17 +242,12 @@ def _figures(
     return values
 
 
-def verdict_of(name: str, live: LiveEstimator, found: Report) -> DiagnosticStatus:
-    """What the readings of sensors show about the robot, as a DiagnosticStatus.
-
-    Args:
-        name: of the status.
-        live: with sensors.
-        found: what they say.
-    """
-    values = {**found.values, "elements marked UNSURE": _marked(live)}
-    level, message = LEVELS[found.level], printable(found.message)
-    return diagnostic_status(name, level, message, live.model.robot.name, values)
+def health_of(live: LiveEstimator) -> Report | None:
+    """What the readings of sensors show about the robot; None without any."""
+    found = live.report()
+    if found is None:
+        return None
+    return replace(found, values={**found.values, "elements marked UNSURE": _marked(live)})
 
 
 def _marked(live: LiveEstimator) -> str:

@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from time import monotonic, time_ns
 from typing import Any, Final
 
 from cdrj_msgs.msg import CableTensions
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -21,13 +22,14 @@ from cdrj_ros.estimation.conditioner import Kind, efforts_of
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.estimation.state_file import StateFileError, read_state, write_state
-from cdrj_ros.foundation.output import counted
+from cdrj_ros.estimation.verdict_words import Report
+from cdrj_ros.foundation.output import counted, printable
 from cdrj_ros.messages.cdr import MessageError, cable_tensions
 from cdrj_ros.messages.templates import marked_stale
 from cdrj_ros.messages.topics import DIAGNOSTICS, FEW, JOINT_STATES, MOTOR_STATES, TENSION_SENSORS
 from cdrj_ros.nodes.changes import SIMULATED, Changes
-from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, status_of, verdict_of
-from cdrj_ros.nodes.inputs import InputTopic, InputWatch
+from cdrj_ros.nodes.diagnostics import StepTimes, diagnostic_array, health_of, report_of, status_of
+from cdrj_ros.nodes.inputs import AGAIN_S, InputTopic, InputWatch
 from cdrj_ros.nodes.outputs import Outputs, RateLimit
 from cdrj_ros.nodes.parameters import friction_of, options_of, settings
 from cdrj_ros.nodes.robot_description import given_model
@@ -82,6 +84,8 @@ class Estimation:
         """Whether the user has chosen the reliability of an input, by topic."""
         declare(node, settings(), fixed=not managed)
         self._given: list[Parameter] = []
+        self._said_s: dict[str, float] = {}
+        """When a cause was last reported, by the steady clock [s]."""
         self._changes = Changes(self)
         self._diagnosed_s = monotonic()
         self.diagnostics = node.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
@@ -281,33 +285,38 @@ class Estimation:
         """Publish diagnostics and write the state file."""
         self._diagnosed_s = monotonic()
         name = self.node.get_fully_qualified_name().lstrip("/")
-        statuses = [self._status(name)]
-        if self.configured and (found := self.live.report()) is not None:
-            statuses.append(verdict_of(f"{name}: health", self.live, found))
+        robot = self.live.model.robot.name if self.configured else ""
+        reports = {name: self._report()}
+        if self.configured and (found := health_of(self.live)) is not None:
+            reports[f"{name}: health"] = found
+        statuses = [status_of(one, report, robot) for one, report in reports.items()]
+        if self._managed:
+            statuses[0].values.append(KeyValue(key="lifecycle state", value=self.state))
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
+        for report in reports.values():
+            self._log(report)
         self.write_state()
 
-    def _status(self, name: str) -> DiagnosticStatus:
-        if self.state == "active":
-            now_ns = self.now_ns()
-            elapsed_s = (now_ns - self._counted_ns) * 1e-9
-            since = self.outputs.published - self._counted
-            self._counted, self._counted_ns = self.outputs.published, now_ns
-            rate_hz = since / elapsed_s if elapsed_s > 0.0 else 0.0
-            health = self.watch.health(self.latest, rate_hz, self.node.clock_refused)
-            self.watch.warn(health)
-            status = status_of(name, self.live, self.latest, health, self.times)
-        else:
-            status = DiagnosticStatus(
-                level=DiagnosticStatus.WARN,
-                name=name,
-                message=f"{self.state}: {IDLE[self.state]}",
-                hardware_id=self.live.model.robot.name if self.configured else "",
-            )
-        if self._managed:
-            status.values.append(KeyValue(key="lifecycle state", value=self.state))
-        return status
+    def _report(self) -> Report:
+        if self.state != "active":
+            return Report("warn", f"{self.state}: {IDLE[self.state]}", {})
+        now_ns = self.now_ns()
+        elapsed_s = (now_ns - self._counted_ns) * 1e-9
+        since = self.outputs.published - self._counted
+        self._counted, self._counted_ns = self.outputs.published, now_ns
+        rate_hz = since / elapsed_s if elapsed_s > 0.0 else 0.0
+        health = self.watch.health(self.latest, rate_hz, self.node.clock_refused)
+        self.watch.warn(health)
+        return report_of(self.live, self.latest, health, self.times)
+
+    def _log(self, report: Report) -> None:
+        """Log what a report says, once while a cause of it lasts."""
+        now_s = monotonic()
+        is_new = any(now_s - self._said_s.get(one, -inf) > AGAIN_S for one in report.named)
+        self._said_s |= dict.fromkeys(report.named, now_s)
+        if is_new:
+            self.node.get_logger().warning(printable(report.message))
 
     # --- state file -------------------------------------------------------------------------------
 

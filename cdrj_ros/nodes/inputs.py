@@ -40,7 +40,7 @@ PATIENCE_S: Final = 3.0
 """Time without an estimate after which the reason is logged [s]."""
 
 AGAIN_S: Final = 10.0
-"""Minimum time between two equal warnings [s]."""
+"""Time between two equal warnings, and without a cause until it is logged anew [s]."""
 
 STANDS: Final = "/clock stands still: is it published, and use_sim_time meant?"
 """What is said of a simulated clock that stands still."""
@@ -368,12 +368,8 @@ class InputWatch:
         return f"{rate:.0f} readings per second refused: {words}{''.join(crowds)}"
 
     def warn(self, health: Health) -> None:
-        """Log why there is no estimate or what is wrong with readings, at most every AGAIN_S."""
-        words = ""
+        """Log why there is no estimate, at most every AGAIN_S."""
         if health.waiting and monotonic() - self.estimated_s > PATIENCE_S:
             self._quiet = True
             words = f"no estimate: {health.waiting}"
-        elif not self._quiet:
-            words = health.misfit or health.other_estimators or health.refusing or health.clock
-        if words:
             self._node.get_logger().warning(words, throttle_duration_sec=AGAIN_S)

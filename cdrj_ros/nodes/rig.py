@@ -16,9 +16,10 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from cdrj_ros.commands.entry import run_command
+from cdrj_ros.estimation.verdict_words import Level, Report
 from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.messages.topics import CLOCK, DIAGNOSTICS, FEW, NAMESPACE
-from cdrj_ros.nodes.diagnostics import diagnostic_array, diagnostic_status
+from cdrj_ros.nodes.diagnostics import diagnostic_array, status_of
 from cdrj_ros.nodes.rig_settings import SETTINGS, changed_payload, declare_rig, meant
 from cdrj_ros.nodes.rig_topics import CommandListener, RigOutputs
 from cdrj_ros.nodes.spinning import run_node
@@ -221,11 +222,12 @@ class RigNode(Node):
         rig = self.rig
         planned: tuple[Fault, ...] = (*self.options.settings.faults, *self.options.sensors.faults)
         faults = [str(fault) for fault in planned if fault.begin <= rig.time_s]
-        level, message = DiagnosticStatus.OK, "running"
+        level: Level = "ok"
+        message = "running"
         if factor < SLOW * self.options.speed:
-            level, message = DiagnosticStatus.WARN, f"cannot keep up: {factor:.2f} of real time"
+            level, message = "warn", f"cannot keep up: {factor:.2f} of real time"
         elif faults:
-            level, message = DiagnosticStatus.WARN, f"faults: {', '.join(faults)}"
+            level, message = "warn", f"faults: {', '.join(faults)}"
         values = {
             "real-time factor": f"{factor:.3f}",
             "computing time per second of the rig [s]": f"{busy:.3f}",
@@ -241,7 +243,7 @@ class RigNode(Node):
             **{f"refused: {cause}": str(count) for cause, count in self.commands.refused.items()},
         }
         name = self.get_fully_qualified_name().lstrip("/")
-        return diagnostic_status(name, level, message, rig.robot.name, values)
+        return status_of(name, Report(level, message, values), rig.robot.name)
 
 
 def _body(argv: Sequence[str]) -> int:

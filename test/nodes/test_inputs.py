@@ -48,8 +48,9 @@ def logged(bench, lines, level, words):
     return bench.until(lambda: any(one == severity and words in text for one, text in lines))
 
 
-def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_published(bench):
+def test_a_lost_preload_is_named_where_efforts_are_published_and_logged_once(bench, log):
     estimator = bench.estimator()
+    assert bench.until(lambda: bench.node.count_publishers("/rosout") >= 2)
     true = load_model(ROBOT, "29,26.26")
     both = Template(JOINT_STATE, ("winch",), ("position", "effort"))
     state = initial_state(true)
@@ -67,6 +68,11 @@ def test_a_lost_preload_is_named_on_diagnostics_if_the_motors_efforts_are_publis
     assert np.all(error < 5.0 * estimator.latest.tension_stddev), "the efforts are heard"
     named = {pair.key: pair.value for pair in status.values}["elements marked UNSURE"]
     assert named == "none", "the standard deviations contain what is open"
+    for _ in range(3):
+        diagnosed(estimator)
+    estimator.node.get_logger().warning("the last line")
+    assert logged(bench, log, "WARN", "the last line")
+    assert len([text for _, text in log if status.message == text]) == 1
     quiet = bench.estimator(ignored_sensors="*")
     quiet.motor(both.encode(BEGIN, position=[0.0], effort=[0.0]))
     assert len(diagnosed(quiet)) == 1

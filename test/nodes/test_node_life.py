@@ -25,7 +25,7 @@ from support.estimators import (
 from cdrj_ros.estimation.estimator import initial_state, step
 from cdrj_ros.model.packing import OVERLOAD, SLACK, STALE, UNSURE
 from cdrj_ros.model.prepared import load_model
-from cdrj_ros.nodes.diagnostics import Health, status_of
+from cdrj_ros.nodes.diagnostics import Health, report_of, status_of
 
 
 @pytest.fixture(scope="module")
@@ -252,7 +252,8 @@ def test_diagnostics_describe_every_problem(bench):
 
     def status(age_s=0.01):
         health = Health(0.5, age_s, age_s, 1000.0)
-        return status_of("e", estimator.live, estimator.latest, health, estimator.times)
+        found = report_of(estimator.live, estimator.latest, health, estimator.times)
+        return status_of("e", found, "prototype")
 
     def flagged(flag):
         return int(sum(int(s) & flag != 0 for s in estimator.latest.status))
