@@ -12,7 +12,10 @@ from cdrj_ros.estimation.verdicts import ALL_EFFORTS, BIAS, GAIN, Finding, Verdi
 from cdrj_ros.robot.description import Robot, Winch
 
 CLEAR: Final = 14.0
-"""Margin beyond which it is not said: a million."""
+"""Margin beyond which no exact figure is said: a million."""
+
+EVEN: Final = 0.7
+"""Margin below which another change is as likely: a factor of two."""
 
 LEAST_RATIO: Final = 0.01
 """Smallest ratio of a measured effort to the expected one that tells a scale."""
@@ -95,7 +98,8 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
     if verdict.broken:
         text = f"cable {verdict.broken} carries nothing: it is broken or off its drum"
         of_sensors = [f.change.what for f in verdict.found if f.change.kind in (GAIN, BIAS)]
-        return [text + _or(of_sensors if verdict.explained else ())]
+        others = ", ".join(of_sensors if verdict.explained else ())
+        return [f"{text} (or: {others})" if others else text]
     if verdict.opposite:
         return [_opposite(robot, verdict.opposite)]
     if verdict.swapped:
@@ -144,10 +148,6 @@ def _drums(robot: Robot, motor: str) -> list[Winch]:
     return [drum for drum in drums if motor in dict(drum.motors)]
 
 
-def _or(others: Sequence[str]) -> str:
-    return f" (or: {', '.join(others[:3])})" if others else ""
-
-
 def _opposite(robot: Robot, names: Sequence[str]) -> str:
     """Sensors that read what only a cable that pushes would give, and the keys that mend them."""
     motors = [one for one in robot.motors if one.name in names]
@@ -176,9 +176,16 @@ def _sentence(robot: Robot, found: Finding) -> str:
         )
     elif one.kind is GAIN:
         text += _remedy(robot, found)
-    if others or found.margin > CLEAR:
-        return text + _or(others)
-    return text + f" ({exp(found.margin):,.0f} times likelier than any other change)"
+    return f"{text} ({_likelihood(others, found.margin)})"
+
+
+def _likelihood(others: Sequence[str], margin: float) -> str:
+    """How much likelier a change is than the others, and those that explain the readings, too."""
+    if not others:
+        times = "over a million" if margin > CLEAR else f"{exp(margin):,.0f}"
+        return f"{times} times likelier than any other change"
+    named = ", ".join(others[:3])
+    return f"or: {named}" if margin < EVEN else f"{exp(margin):.0f} times likelier than {named}"
 
 
 def _effort_scale(robot: Robot, what: str, ratio: float) -> str:

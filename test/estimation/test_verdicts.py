@@ -129,6 +129,7 @@ def test_a_change_is_named_and_quantified(model, motion, changed, what, amount, 
     assert found(live) == {what: pytest.approx(amount, abs=within)}
     assert report_of(live).level == "warn"
     assert report_of(live).message.startswith(what)
+    assert "times likelier than " in report_of(live).message
 
 
 def test_a_wrong_zero_is_found_by_the_effort_alone(model, motion):
