@@ -128,7 +128,8 @@ def record_wrist(bag):
 @contextmanager
 def shown(folder, bag, robot):
     """Run `view` on a bag; yields the page's address, where the recording is paused."""
-    command = [sys.executable, "-m", "cdrj_ros.commands.view", str(bag), "--robot", robot]
+    program = "from cdrj_ros.commands.entry import view; view()"
+    command = [sys.executable, "-c", program, str(bag), "--robot", robot]
     process = subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True)
     try:
         line = process.stdout.readline()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, Final
@@ -147,10 +146,5 @@ def _fields(joints: Sequence[str], one: Any) -> dict[str, Any]:
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("check_robot", _body, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run_command, "check_robot", _body)
+"""Entry point; returns the exit code."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
+from functools import partial
 from itertools import chain, count
 from math import isfinite
 from pathlib import Path
@@ -295,10 +295,5 @@ def say_cables(one: Judged) -> None:
         )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("commission", body, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run_command, "commission", body)
+"""Entry point; returns the exit code."""

@@ -37,7 +37,9 @@ class CommandParser(argparse.ArgumentParser):
         return super().parse_args(args, namespace)
 
 
-def run_command(name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None) -> int:
+def run_command(
+    name: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None = None
+) -> int:
     """Run a command's body; errors of this package become one line and exit code 2.
 
     The exit code and the files that the body writes do not depend on standard output, which may be

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -319,10 +318,5 @@ def _write(out: str, text: str, task: Task) -> None:
     write_text(out, text)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("identify", _body, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run_command, "identify", _body)
+"""Entry point; returns the exit code."""

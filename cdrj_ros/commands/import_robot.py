@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -86,10 +86,5 @@ def _begun(path: Path, arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("import_robot", _body, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run_command, "import_robot", _body)
+"""Entry point; returns the exit code."""

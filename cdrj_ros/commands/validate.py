@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from math import isfinite
 from pathlib import Path
 
@@ -220,10 +221,5 @@ def _say_failed(failed: Sequence[Failed], total: int) -> None:
         say(f"validate: {len(failed)} of {total} bags failed; {text}", file=sys.stderr)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("validate", _body, argv)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+main = partial(run_command, "validate", _body)
+"""Entry point; returns the exit code."""

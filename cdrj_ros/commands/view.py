@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from cdrj_ros.commands.entry import CommandParser, run_command
@@ -79,10 +79,5 @@ def body(argv: Sequence[str]) -> int:
         page.close()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("view", body, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run_command, "view", body)
+"""Entry point; returns the exit code."""

@@ -6,7 +6,8 @@ What stands in a bag is what ``ros2 bag record`` would write, which not every in
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from select import select
 from time import monotonic, time_ns
@@ -106,10 +107,5 @@ def _listen(node: Node, kind: Any, topic: str, into: list[tuple[int, bytes]]) ->
     node.create_subscription(kind, topic, hear, profile, raw=True)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("commission", lambda words: body(words, record), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run_command, "commission", lambda words: body(words, record))
+"""Entry point; returns the exit code."""

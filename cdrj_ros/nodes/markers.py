@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -194,6 +195,5 @@ def _body(argv: Sequence[str]) -> int:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("markers", _body, argv)
+main = partial(run_command, "markers", _body)
+"""Entry point; returns the exit code."""

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import FrameType
 from typing import Final
 
@@ -271,6 +272,5 @@ def _body(argv: Sequence[str]) -> int:
         return _replay(arguments, model, topics, bags, stop)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("replay", _body, argv)
+main = partial(run_command, "replay", _body)
+"""Entry point; returns the exit code."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from time import monotonic_ns, perf_counter, time_ns
 from typing import Any, Final
 
@@ -260,6 +261,5 @@ def _body(argv: Sequence[str]) -> int:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("rig", _body, argv)
+main = partial(run_command, "rig", _body)
+"""Entry point; returns the exit code."""

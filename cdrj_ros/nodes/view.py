@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -147,6 +148,5 @@ def _body(argv: Sequence[str]) -> int:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("view", _body, argv)
+main = partial(run_command, "view", _body)
+"""Entry point; returns the exit code."""

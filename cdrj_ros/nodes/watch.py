@@ -6,6 +6,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from time import monotonic
 from typing import Any, Final
 
@@ -142,6 +143,5 @@ def _body(argv: Sequence[str]) -> int:
     return DONE
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return run_command("watch", _body, argv)
+main = partial(run_command, "watch", _body)
+"""Entry point; returns the exit code."""
