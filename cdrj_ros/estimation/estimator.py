@@ -138,9 +138,7 @@ class Samples:
 
 
 def on_axes(model: Model, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The elements of cables whose paths lead over one of some axes.
-
-    Those of all cables of a robot with joints without encoder, or with learned corrections.
+    """The elements of cables whose paths lead over one of some axes, by ``Model.touched``.
 
     Args:
         model: the robot.
@@ -151,10 +149,7 @@ def on_axes(model: Model, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """
     if not axes.size or not axes.any():
         return NO_DOUBTS
-    touched = model.core.touched
-    if model.robot.unmeasured or model.robot.residuals:
-        touched = np.ones((axes.shape[-1], touched.shape[1]), dtype=np.bool_)
-    return axes @ model.robot.per_element(touched.T).T
+    return axes @ model.touched[: axes.shape[-1]]  # those without encoder are not flagged
 
 
 NEVER: Final = _core.NEVER

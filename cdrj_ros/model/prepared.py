@@ -61,6 +61,15 @@ class Model:
         """Views of ``topology``."""
         return topology_views(self.topology)
 
+    @cached_property
+    def touched(self) -> NDArray[np.bool_]:
+        """Whether the cable of every element leads over an axis, shape (axes, elements).
+
+        Those of all cables of a robot with joints without encoder, or with learned corrections.
+        """
+        touched = self.core.touched | bool(self.robot.unmeasured or self.robot.residuals)
+        return np.asarray(self.robot.per_element(touched.T).T)
+
     @property
     def state_size(self) -> int:
         """Numbers of a state."""
