@@ -162,21 +162,13 @@ def observe(
     begin = int(whole.stamp_ns[0]) + round(extent.settle_s * 1e9)
     until = int(whole.stamp_ns[-1])
     columns = channel_columns(model.layout)
-    inside: dict[int, _Chosen] = {}
     found = []
     names = [name for name in sigmas if name in recorded.references]
     for name in names:
         series = recorded.references[name]
         stamps, values = series.stamp_ns, series.value
-        key = id(stamps)
-        finite = bool(np.isfinite(values).all())
-        if not finite or key not in inside:
-            ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
-            chosen = _Chosen(stamps, ok, extent.most_residuals // len(names), extent.mean_s)
-            if finite:
-                inside[key] = chosen
-        else:
-            chosen = inside[key]
+        ok = np.isfinite(values) & (stamps >= begin) & (stamps <= until)
+        chosen = _Chosen(stamps, ok, extent.most_residuals // len(names), extent.mean_s)
         effort_scale = model.robot.effort_scale.get(name.removeprefix(f"{EFFORT}/"), 1.0)
         scale = recorded.scales.get(name)
         sigma = scale.noise if scale else sigmas[name] / chosen.root
