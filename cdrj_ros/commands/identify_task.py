@@ -29,7 +29,6 @@ from cdrj_ros.identification.unknowns import (
     starting_values,
     with_bounds,
     with_priors,
-    without_priors,
 )
 from cdrj_ros.model.prepared import robot_path
 from cdrj_ros.recordings.recording import Topics
@@ -208,7 +207,7 @@ def _unknowns(
     free = split_outside(arguments.free, ",") if arguments.free else ()
     if arguments.source is not None:
         unknowns = tuple(one.unknown for one in pose_unknowns(document, robot))
-        unknowns = without_priors(unknowns, free)
+        unknowns = with_priors(unknowns, dict.fromkeys(free), "--free")
     elif arguments.fit is None:
         return ()
     else:

@@ -24,7 +24,7 @@ from cdrj_ros.estimation.conditioner import angles_of
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.identification.observations import Recorded
-from cdrj_ros.identification.unknowns import LOG_REACH, Unknown, parse_unknowns, without_priors
+from cdrj_ros.identification.unknowns import LOG_REACH, Unknown, parse_unknowns, with_priors
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.couplings import own_joints
 from cdrj_ros.robot.description import Robot, Uncertainty
@@ -129,7 +129,7 @@ def chosen_unknowns(
     unknowns = known_before(document, known, parse_unknowns(document, fit))
     if not only:
         unknowns += fitted_along(document, known, unknowns)
-    return without_priors(unknowns, free)
+    return with_priors(unknowns, dict.fromkeys(free), "--free")
 
 
 FAR: Final = 5.0

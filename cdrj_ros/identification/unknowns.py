@@ -278,35 +278,25 @@ def with_bounds(
 
 
 def with_priors(
-    unknowns: Sequence[Unknown], priors: Mapping[str, tuple[float, float]]
+    unknowns: Sequence[Unknown],
+    priors: Mapping[str, tuple[float, float] | None],
+    option: str = "prior",
 ) -> tuple[Unknown, ...]:
-    """The unknowns with priors.
+    """The unknowns, some of them with another prior.
 
     Args:
         unknowns: from ``parse_unknowns``.
         priors: mean and standard deviation [SI], the latter above 0, by path, pattern or short
-            form.
+            form; None for no prior.
+        option: where the names were given, for messages.
 
     Raises:
         UsageError: an unknown path.
     """
     result = list(unknowns)
     for name, prior in priors.items():
-        for k in _chosen(result, name, "prior"):
+        for k in _chosen(result, name, option):
             result[k] = replace(result[k], prior=prior)
-    return tuple(result)
-
-
-def without_priors(unknowns: Sequence[Unknown], names: Iterable[str]) -> tuple[Unknown, ...]:
-    """The unknowns, some of them without a prior, by path, pattern or short form.
-
-    Raises:
-        UsageError: a name is not among them.
-    """
-    result = list(unknowns)
-    for name in names:
-        for k in _chosen(result, name, "--free"):
-            result[k] = replace(result[k], prior=None)
     return tuple(result)
 
 

@@ -13,7 +13,7 @@ from cdrj_ros.identification.fit import identify
 from cdrj_ros.identification.priors import fitted_along, known_before
 from cdrj_ros.identification.problem import Settings
 from cdrj_ros.identification.residual_statistics import model_error
-from cdrj_ros.identification.unknowns import parse_unknowns, without_priors
+from cdrj_ros.identification.unknowns import parse_unknowns, with_priors
 from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.parameters import with_numbers
 from cdrj_ros.robot.reader import build_robot, load_document
@@ -87,10 +87,11 @@ def test_what_the_file_states_is_no_prior_as_a_fit_may_have_found_it(document):
 def test_a_prior_is_dropped_on_purpose_alone(document):
     known = build_robot(document, "test").uncertainty
     named = known_before(document, known, parse_unknowns(document, "preload,rho"))
-    left = {u.name for u in without_priors(named, ["cables.upper.preload", "rho"]) if u.prior}
+    free = dict.fromkeys(["cables.upper.preload", "rho"])
+    left = {u.name for u in with_priors(named, free) if u.prior}
     assert left == {"cables.lower.preload"}
     with pytest.raises(UsageError, match="EA is not among the fitted"):
-        without_priors(named, ["EA"])
+        with_priors(named, {"EA": None})
 
 
 def runs(error, count=8, bias=0.0):
