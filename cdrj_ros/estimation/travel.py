@@ -166,17 +166,18 @@ class MotorTravel:
         if not apart.any():
             return ""
         few = slice(None, None, 1 + len(motor) // THINNED)
-        if mistake := self._mistake(motor[few], joint[few], expected[few], apart):
+        mistake = self._mistake(motor[few], joint[few], expected[few], apart)
+        if mistake and _deviations(motor, expected)[apart].max() > SCATTER:
             return mistake
         if not whole:
             return ""
         names, least = self._model.layout.motors, np.where(heard, UNLIKE_HEARD, UNLIKE)
-        said = [
+        turns = [
             turn(self._model.robot, names[m], ratio)
             for m in np.flatnonzero(apart)
             if (ratio := _ratio(motor[:, m], expected[:, m], least[m])) != 1.0
         ]
-        return "; ".join(said)
+        return "; or ".join(one for one in (mistake, "; ".join(turns)) if one)
 
     def _mistake(self, motor: Matrix, joint: Matrix, expected: Matrix, apart: Flags) -> str:
         """The single mistake by which all motors follow the joints, if they do not as read.
@@ -186,19 +187,17 @@ class MotorTravel:
             expected: angles of the motors that follow the joints [rad], shape (n, motors).
             apart: which motors are further from these than tensions can stretch their cables.
         """
-        present = _deviations(motor, expected)
-        if not (wrong := apart & (present > SCATTER)).any():
-            return ""
         there, slopes = self._model.robot.reference_pose, self._slopes
-        motors = np.flatnonzero(wrong)
-        joints = np.flatnonzero((np.abs(slopes) > LEAST_TURN)[:, wrong].any(axis=1))
+        motors = np.flatnonzero(apart)
+        joints = np.flatnonzero((np.abs(slopes) > LEAST_TURN)[:, apart].any(axis=1))
 
         def roughly(one: Mistake) -> float:
             return float(_deviations(one.motor, (one.joint - there) @ slopes).max())
 
         best = min(self._mistakes(motor, joint, motors, joints), key=roughly)
         found = _deviations(best.motor, following_motors(self._model, best.joint)).max()
-        return best.words if found < min(best.within, present.max() / BETTER) else ""
+        present = _deviations(motor, expected).max()
+        return best.words if found < min(best.within, present / BETTER) else ""
 
     def _mistakes(
         self, motor: Matrix, joint: Matrix, motors: Indices, joints: Indices

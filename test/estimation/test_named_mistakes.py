@@ -211,26 +211,34 @@ uncertainty: {others: exact, drums: hold}
 """Its moment arms depend on the joints' angles."""
 
 
-@pytest.mark.parametrize("zero", [-0.1, 0.1])
-def test_a_zero_is_named_beside_a_motor_that_seems_to_turn_too_far(zero):
-    """With moment arms of other angles, motors follow the joints as through other gears."""
+def said_of_the_neck(swing_deg, swing_hz, read):
+    """What health says once a second of a motion whose joints are read as given."""
     model, seconds = prepare(parse_robot(NECK)), np.arange(0.0, 12.0, 0.02)
-    swing = np.radians([15.0, 12.0]) * np.sin(2.0 * np.pi * seconds[:, None] * [0.4, 0.25])
+    swing = np.radians(swing_deg) * np.sin(2.0 * np.pi * seconds[:, None] * swing_hz)
     motion = cdrj.simulate(model.robot, seconds, swing)
     live, said = LiveEstimator(model), []
-    readings = (
-        motion.motor_angle,
-        motion.joint_angle + np.array([zero, 0.0]),
-        noisy(motion.motor_effort),
-    )
+    readings = motion.motor_angle, read(motion.joint_angle), noisy(motion.motor_effort)
     stamps = range(1_000_000_000, 13_000_000_000, 20_000_000)
     for k, _ in enumerate(heard(live, stamps, *readings)):
         if k % 50 == 0:
             said.append(live.report().message)
+    return said
+
+
+@pytest.mark.parametrize("zero", [-0.1, 0.1])
+def test_a_zero_is_named_beside_a_motor_that_seems_to_turn_too_far(zero):
+    """With moment arms of other angles, motors follow the joints as through other gears."""
+    said = said_of_the_neck([15.0, 12.0], [0.4, 0.25], lambda angle: angle + np.array([zero, 0.0]))
     both = [
         one for one in said if re.search("nod turns .* would fit; or .*zero of joint pitch", one)
     ]
     assert both, "\n".join(said)
+
+
+def test_joints_that_swing_together_are_named_as_swapped_before_a_gear_that_fits_as_well():
+    """The motor that pulls one of them seems to turn by the ratio of their amplitudes."""
+    said = said_of_the_neck([15.0, 13.0], [0.4, 0.4], lambda angle: angle[:, ::-1])
+    assert said[-1].startswith(SWAPPED.format("pitch", "head") + "; or nod turns 1.15")
 
 
 @pytest.mark.parametrize(
