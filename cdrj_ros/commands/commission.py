@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, count
 from math import isfinite
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cdrj_ros.commands.commission_checks import refuse_efforts, swapped, unlikely, unmoved, unusual
 from cdrj_ros.commands.commission_judged import Judged, foretold, judged
-from cdrj_ros.commands.commission_steps import Commissioned, Measured, begin, provenance
+from cdrj_ros.commands.commission_steps import Commissioned, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_channel_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
@@ -31,22 +30,32 @@ from cdrj_ros.recordings.recording import Topics
 from cdrj_ros.recordings.table import Columns
 from cdrj_ros.robot.writer import moved, refuse_aliases, with_section
 
-ASKED: Final = {
-    "rest": "1. Tare: record the robot at rest in its reference pose for 3 s. Better go on to two "
-    "or three further poses and back, rest for 3 s in each, and read every cable's tension on a "
-    "spring scale in all of them: bag",
-    "preload": "2. The tensions in the reference pose on a spring scale: CABLE=NEWTON,...",
-    "drum": "3. Measure every drum by calliper, between the cable's middles: MOTOR=MILLIMETRES,...",
-    "motion": "4. Move every joint through its range for 60 s, with the motors' efforts: bag",
-    "cells": "5. The same with one or two borrowed load cells in the cables: bag",
-}
-"""What each step asks for, the cheapest first."""
+
+class Step(NamedTuple):
+    """A measurement, as its option and the dialogue ask for it."""
+
+    form: str
+    words: str
+    live_s: float = 0.0
+    """How long it is recorded [s], if it is; in the dialogue that of the tare until Enter."""
+
+
+STEPS: Final[Mapping[str, Step]] = {
+    "rest": Step(
+        "BAG", "tare: at rest in the reference pose for 3 s; better go on to two or three further "
+        "poses and back, rest for 3 s in each, and read every cable on a spring scale in all", 3.0,
+    ),
+    "preload": Step("CABLE=N,...", "tensions in the reference pose on a spring scale [N]"),
+    "drum": Step(
+        "MOTOR=MM,...", "diameter of every drum by calliper: over the wound cable, less one cable's"
+    ),
+    "motion": Step("BAG", "every joint through its range for 60 s, with the motors' efforts", 60.0),
+    "cells": Step("BAG", "the same with one or two borrowed load cells in the cables", 60.0),
+}  # fmt: skip
+"""What is measured, the cheapest first."""
 
 LIVE: Final = "live"
 """In place of a bag: record it from the running robot."""
-
-LIVE_S: Final = {"rest": 3.0, "motion": 60.0, "cells": 60.0}
-"""How long a step is recorded [s]; in the dialogue that of the tare goes on until Enter."""
 
 Record = Callable[[Path, Topics, float, bool], None]
 """Records the topics of a robot into a new bag, for some seconds, and on until Enter or not."""
@@ -65,29 +74,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot", required=True, metavar="FILE", help="robot file (YAML)")
     parser.add_argument("--out", required=True, metavar="FILE", help="robot file to write")
     parser.add_argument("--force", action="store_true", help="replace an existing --out")
-    group = parser.add_argument_group("measurements, in the order in which they are used")
-    group.add_argument(
-        "--rest",
-        metavar="BAG",
-        help="at rest in the reference pose, and in further poses if a spring scale was read there",
+    group = parser.add_argument_group(
+        "measurements, in the order in which they are used",
+        "Repeat --preload for every further pose of --rest, as CABLE/ELEMENT=N,...; --motion and "
+        "--cells for further bags.",
     )
-    group.add_argument(
-        "--preload", action="append", metavar="CABLE=N,...", default=[],
-        help="tensions in the reference pose, read on a spring scale [N]; repeated, those in each "
-        "further pose of --rest, as CABLE/ELEMENT=N,...",
-    )  # fmt: skip
-    group.add_argument(
-        "--drum", metavar="MOTOR=MM,...",
-        help="diameters of the drums: over the wound cable, less the cable's diameter [mm]",
-    )  # fmt: skip
-    group.add_argument(
-        "--motion", action="append", metavar="BAG", default=[],
-        help="60 s in motion, with the motors' efforts; repeatable",
-    )  # fmt: skip
-    group.add_argument(
-        "--cells", action="append", metavar="BAG", default=[],
-        help="the same with load cells in cables; repeatable",
-    )  # fmt: skip
+    for name, step in STEPS.items():
+        group.add_argument(
+            f"--{name}", action="append", default=[], metavar=step.form, help=step.words
+        )
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: take the given measurements alone"
     )
@@ -107,8 +102,8 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     path = robot_path(arguments.robot)
-    named = (arguments.rest, *arguments.motion, *arguments.cells)
-    bags = [bag for bag in named if bag and bag != LIVE]
+    recorded = (getattr(arguments, name) for name, step in STEPS.items() if step.live_s)
+    bags = [bag for bag in chain(*recorded) if bag != LIVE]
     check_outputs({"--out": arguments.out}, [*bags, path], force=arguments.force)
     text = path.read_text(encoding="utf-8")
     refuse_aliases(text, str(path))
@@ -116,23 +111,25 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     known = judged(now.model, now.heard, now.interval_ns)
     say(f"new file: {words_of(known)}")
     topics = channels_of(arguments)
-    for name in (one.name for one in fields(Measured)):
+    for name, step in STEPS.items():
         given = getattr(arguments, name)
         if not given and not arguments.yes:
             if name in ("motion", "cells"):
                 say(f"the next step would bring: {words_of(foretold(now, name))}")
-            given = _asked_for(now, name, live=record is not None and name in LIVE_S)
+            given = _asked_for(now, name, live=record is not None and step.live_s > 0.0)
         if not given:
             continue
-        if name in LIVE_S:
-            words = [given] if isinstance(given, str) else given
+        if step.live_s:
             on = name == "rest" and not arguments.yes
-            given = [_bag(one, name, arguments.out, topics, record, on) for one in words]
+            given = [_bag(one, name, arguments.out, topics, record, on) for one in given]
         before, now = now, now.also(**{name: _measured(now, name, given, topics)})
         if name in ("motion", "cells") and (pair := swapped(now)):
-            raise UsageError(SWAPPED.format(*pair))
+            raise UsageError(
+                f"the spring scale's readings of {' and '.join(pair)} fit the recordings only the "
+                "other way round: exchange them"
+            )
         known = judged(now.model, now.heard, now.interval_ns)
-        for note in (*unlikely(before, now), *_notes(now, suspected=bool(arguments.preload))):
+        for note in (*unlikely(before, now), *_notes(now)):
             say(f"note: {note}")
         say(f"{name}: {words_of(known)}")
     text = with_section(now.text, "identified", provenance(now)) if now.origins else now.text
@@ -142,25 +139,20 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     return DONE
 
 
-def _notes(now: Commissioned, *, suspected: bool) -> Iterator[str]:
+def _notes(now: Commissioned) -> Iterator[str]:
     """What the last fits say of drums and references, with the cables if there are several parts.
 
     What several parts have in common is said once.
     """
     said: dict[str, list[str]] = {}
     for one in now.fits:
-        doubt = SUSPECTED if suspected else ""
+        doubt = SUSPECTED if now.measured.preload else ""
         left = [f"{sentence}{doubt}" for sentence in lacking(one.found.unexplained)]
         for sentence in (*sentences(one.found.drums), *left, *unusual(one)):
             said.setdefault(sentence, []).append(one.cables)
     for sentence, cables in said.items():
         yield sentence if len(cables) == len(now.fits) else f"{'; '.join(cables)}: {sentence}"
 
-
-SWAPPED: Final = (
-    "the spring scale's readings of {} and {} fit the recordings only the other way round: "
-    "exchange them"
-)
 
 SUSPECTED: Final = " Does the spring scale's reading belong to the pose of the tare?"
 """Where the residual of a fit is large although preloads were measured."""
@@ -177,29 +169,28 @@ def _bag(
     first = Path(out).with_name(f"{Path(out).stem}_{name}")
     later = (first.with_name(f"{first.name}_{k}") for k in count(2))
     path = next(one for one in chain([first], later) if not one.exists())
-    record(path, topics, LIVE_S[name], on)
+    record(path, topics, STEPS[name].live_s, on)
     say(f"recorded: {path}")
     return str(path)
 
 
-def _measured(now: Commissioned, name: str, given: Any, topics: Topics | Columns) -> Any:
+def _measured(now: Commissioned, name: str, given: Sequence[str], topics: Topics | Columns) -> Any:
     """What a step takes, from its option or from its answers."""
     if name == "rest":
-        return _read(now, given[0], topics)
+        return _read(now, given[-1], topics)
     if name == "preload":
-        return [_numbers(text, "--preload", "CABLE=N") for text in given]
+        return [_numbers(text, name) for text in given]
     if name == "drum":
-        return {motor: 1e-3 * size for motor, size in _numbers(given, "--drum", "MOTOR=MM").items()}
+        return {motor: 1e-3 * size for motor, size in _numbers(",".join(given), name).items()}
     read = [_read(now, bag, topics) for bag in given]
     for one in read:
         refuse_efforts(now.unfitted, one)
         for joint, share in unmoved(now.model.robot, one).items():
-            say(f"note: {joint} moves through {share:.0%} of its range in {one.name}; {OPEN}")
+            say(
+                f"note: {joint} moves through {share:.0%} of its range in {one.name}; tensions "
+                "elsewhere stay less known than foretold"
+            )
     return read
-
-
-OPEN: Final = "tensions elsewhere stay less known than foretold"
-"""What follows from a motion of some joints alone."""
 
 
 def _read(now: Commissioned, bag: str, topics: Topics | Columns) -> Recorded:
@@ -219,37 +210,35 @@ def _read(now: Commissioned, bag: str, topics: Topics | Columns) -> Recorded:
     return Recorded(Path(bag).name, read.motors, read.joints, chosen)
 
 
-def _numbers(text: str, option: str, form: str) -> dict[str, float]:
+def _numbers(text: str, name: str) -> dict[str, float]:
     """Numbers by name.
 
     Raises:
-        UsageError: the text does not have this form.
+        UsageError: the text does not have the form of the step.
     """
     found = {}
     for part in text.split(",") if text.strip() else ():
-        name, _, given = part.partition("=")
+        key, _, given = part.partition("=")
         try:
-            found[name.strip()] = float(given)
+            found[key.strip()] = float(given)
         except ValueError as error:
-            raise UsageError(f"{option} must be {form},..., got {text!r}") from error
+            raise UsageError(f"--{name} must be {STEPS[name].form}, got {text!r}") from error
     return found
 
 
-def _asked_for(now: Commissioned, name: str, *, live: bool) -> str | list[str]:
-    """The user's answer, or answers for all poses; empty to leave the step out."""
-    ways = ""
+def _asked_for(now: Commissioned, name: str, *, live: bool) -> list[str]:
+    """The user's answer, or answers for all poses; none to leave the step out."""
+    step, number, ways = STEPS[name], [*STEPS].index(name) + 1, ""
     if live:
-        until = ", until Enter" if name == "rest" else f" for {LIVE_S[name]:.0f} s"
+        until = ", until Enter" if name == "rest" else f" for {step.live_s:.0f} s"
         ways = f"{LIVE}: record it now{until}; "
-    first = _asked(f"{ASKED[name]} ({ways}empty: leave it out)")
-    if name != "preload" or not first:
-        return first
-    robot = now.model.robot
-    poses = [pose_text(robot, one.joint_angle) for one in now.poses[1:]]
-    further = [
-        _asked(f"   in pose {k}, {one}: CABLE/ELEMENT=NEWTON,...") for k, one in enumerate(poses, 2)
-    ]
-    return [first, *further]
+    first = _asked(f"{number}. {step.words}: {step.form} ({ways}empty: leave it out)")
+    poses = now.poses[1:] if name == "preload" and first else ()
+    further = (
+        f"   in pose {k}, {pose_text(now.model.robot, one.joint_angle)}: CABLE/ELEMENT=N,..."
+        for k, one in enumerate(poses, 2)
+    )
+    return [first, *map(_asked, further)] if first else []
 
 
 def _asked(question: str) -> str:
