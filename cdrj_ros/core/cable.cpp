@@ -79,7 +79,7 @@ ContactFriction contact_friction(
 }
 
 /// -dt / dl of a segment [N/m]; 0 where it is slack.
-double segment_stiffness(const Elasticity& elastic, const Segment& segment) {
+inline double segment_stiffness(const Elasticity& elastic, const Segment& segment) {
     if (!(segment.tension > 0.0)) return 0.0;
     double modulus = elastic.axial_stiffness;
     if (elastic.bedding_strain != 0.0) modulus = modulus_at(elastic, segment.tension);
@@ -242,32 +242,29 @@ int thin_out(Drum& drum) {
 
 }  // namespace
 
-void Cable::stretch(std::size_t e) {
-    Segment& segment = segments[e];
-    const double entering = e > 0 ? contacts[e - 1].trial : first_flux;
-    const double leaving = e < contacts.size() ? contacts[e].trial : last_flux;
-    segment.material = segment.material_before + entering - leaving;
-    segment.tension = tension_of(elastic, segment.length, segment.material);
-}
-
-void Cable::pull(std::size_t i) {
-    Contact& contact = contacts[i];
-    const double t_left = segments[i].tension, t_right = segments[i + 1].tension;
-    const auto [force, by_slip, by_pull] = contact_friction(
-        contact, hardness, contact.trial + contact.shift, std::max(t_left, t_right), law, dt);
-    contact.by_slip = by_slip;
-    contact.by_pull = by_pull;
-    contact.residual = t_right - t_left - force;
-}
-
-double Cable::balance() {
+double Cable::balance(std::size_t first, std::size_t beyond) {
+    const auto stretched = [&](std::size_t e, double entering, double leaving) {
+        Segment& segment = segments[e];
+        segment.material = segment.material_before + entering - leaving;
+        segment.tension = tension_of(elastic, segment.length, segment.material);
+        return segment.tension;
+    };
     double worst = 0.0;
-    stretch(0);
-    for (std::size_t i = 0; i < contacts.size(); ++i) {
-        stretch(i + 1);
-        pull(i);
-        const double imbalance = std::abs(contacts[i].residual);
+    double flux = contacts[first].trial;
+    double t_left = stretched(first, first > 0 ? contacts[first - 1].trial : first_flux, flux);
+    for (std::size_t i = first; i < beyond; ++i) {
+        Contact& contact = contacts[i];
+        const double following = i + 1 < contacts.size() ? contacts[i + 1].trial : last_flux;
+        const double t_right = stretched(i + 1, flux, following);
+        const auto [force, by_slip, by_pull] = contact_friction(
+            contact, hardness, flux + contact.shift, std::max(t_left, t_right), law, dt);
+        contact.by_slip = by_slip;
+        contact.by_pull = by_pull;
+        contact.residual = t_right - t_left - force;
+        const double imbalance = std::abs(contact.residual);
         if (!(imbalance <= worst)) worst = imbalance;  // true for NaN too
+        t_left = t_right;
+        flux = following;
     }
     return worst;
 }
@@ -282,11 +279,9 @@ void Cable::relax(std::size_t i) {
     const auto balances = [&](double flux) {
         if (!(flux > bracket.low && flux < bracket.high)) return false;
         contact.trial = flux;
-        stretch(i);
-        stretch(i + 1);
-        pull(i);
+        const double imbalance = balance(i, i + 1);
         bracket.take(flux, contact.residual);
-        return std::abs(contact.residual) <= 0.1 * tolerance(elastic);
+        return imbalance <= 0.1 * tolerance(elastic);
     };
     const double left_taut = entering + left.material_before - left.length;
     const double right_taut = leaving + right.length - right.material_before;
@@ -304,9 +299,9 @@ double Cable::search(double share, double before) {
     double worst = before;
     for (int trial = 0; trial < MOST_TRIALS; ++trial) {
         try_step(contacts, hardness, law, share);
-        worst = balance();
-        const double now = along_step(contacts);
+        worst = balance(0, contacts.size());
         if (worst <= tolerance(elastic) || !(first > 0.0)) break;
+        const double now = along_step(contacts);
         if (now >= -OVER * first && (trial == 0 || now <= LEFT * first)) break;
         bracket.take(share, now);
         share = bracket.next();
@@ -322,12 +317,12 @@ double Cable::settle(bool all) {
         if (moves(i)) relax(i);
     }
     for (std::size_t i = contacts.size(); all && i-- > 0;) relax(i);
-    return balance();
+    return balance(0, contacts.size());
 }
 
 Effort Cable::newton(const Effort& before) {
     for (Contact& contact : contacts) contact.trial = contact.flux;
-    double worst = balance();
+    double worst = balance(0, contacts.size());
     for (int iteration = 0; iteration < MOST_ITERATIONS; ++iteration) {
         if (worst <= tolerance(elastic)) return {before.iterations + iteration, worst};
         const double before_step = worst;

@@ -35,11 +35,11 @@ struct Cable {
     std::span<Contact> contacts;     // constants, shifts and bristle forces before are given
     double hardness = 1.0;           // factor of the bristles' stiffness, (E23)
 
-    /// Force imbalance of every contact at its trial flux (E11); returns the largest [N].
+    /// Force imbalance of contacts `first` to `beyond` at their trial fluxes (E11); returns the largest [N].
     ///
     /// Residual i is (t_{i+1} - t_i) - friction_i, whose bound is (E8). Material and tension of the
     /// segments, bristle force, bound, residual and derivatives of the contacts are written.
-    double balance();
+    double balance(std::size_t first, std::size_t beyond);
 
     /// Solve (E11), from the fluxes of the contacts or a guess of its own.
     ///
@@ -48,12 +48,6 @@ struct Cable {
     Effort solve();
 
 private:
-    /// Material and tension of a segment at the trial fluxes.
-    void stretch(std::size_t e);
-
-    /// Friction and residual of a contact between segments that are stretched.
-    void pull(std::size_t i);
-
     /// Newton's method from the fluxes of the contacts; its iterations are added to those before.
     Effort newton(const Effort& before);
 

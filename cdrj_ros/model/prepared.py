@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,7 +55,7 @@ class Model:
         """Hand the robot to the core."""
         object.__setattr__(self, "core", _core.Robot(self.topology, self.constants))
 
-    @cached_property
+    @property
     def connections(self) -> Views:
         """Views of ``topology``."""
         return topology_views(self.topology)
