@@ -50,24 +50,23 @@ class Model:
     layout: Layout
     core: _core.Robot = field(init=False, compare=False, repr=False)
     """The robot as the compiled core reads it, from ``topology`` and ``constants``."""
+    touched: NDArray[np.bool_] = field(init=False, compare=False, repr=False)
+    """Whether the cable of every element leads over an axis, shape (axes, elements).
+
+    Those of all cables of a robot with joints without encoder, or with learned corrections.
+    """
 
     def __post_init__(self) -> None:
         """Hand the robot to the core."""
-        object.__setattr__(self, "core", _core.Robot(self.topology, self.constants))
+        core = _core.Robot(self.topology, self.constants)
+        touched = core.touched | bool(self.robot.unmeasured or self.robot.residuals)
+        object.__setattr__(self, "core", core)
+        object.__setattr__(self, "touched", np.asarray(self.robot.per_element(touched.T).T))
 
     @property
     def connections(self) -> Views:
         """Views of ``topology``."""
         return topology_views(self.topology)
-
-    @cached_property
-    def touched(self) -> NDArray[np.bool_]:
-        """Whether the cable of every element leads over an axis, shape (axes, elements).
-
-        Those of all cables of a robot with joints without encoder, or with learned corrections.
-        """
-        touched = self.core.touched | bool(self.robot.unmeasured or self.robot.residuals)
-        return np.asarray(self.robot.per_element(touched.T).T)
 
     @property
     def state_size(self) -> int:
