@@ -232,6 +232,7 @@ class Comparing:
             key = id(neighbours), id(own)
             if key not in angles:
                 angles[key] = values_at(neighbours.stamp_ns, own, self._max_gap_ns)
+            unit = own.unit if own is not None and name.endswith(f"/{own.name}") else "rad"
             dropped = dict.fromkeys(DROP_CAUSES, 0)
             dropped.update(neighbours.dropped)
             dropped["reference_not_finite"] = target.not_finite
@@ -241,7 +242,7 @@ class Comparing:
             made.append(
                 Channel(
                     name=name,
-                    unit=unit_of(name, _unit_of_axis(name, own)),
+                    unit=unit_of(name, unit),
                     stamp_ns=_taken(neighbours.stamp_ns, kept),
                     estimate=_taken(target.estimate, kept),
                     reference=_taken(target.reference, kept),
@@ -267,11 +268,6 @@ def _finite(values: Floats) -> NDArray[np.bool_]:
     """Whether every value, or every component of a vector, is finite, shape (n,)."""
     finite: NDArray[np.bool_] = np.isfinite(values)
     return finite if finite.ndim == 1 else np.asarray(finite.all(axis=1))
-
-
-def _unit_of_axis(name: str, angle: Angle | None) -> str:
-    """Unit of the angle of the motor or joint that a channel is named after."""
-    return angle.unit if angle is not None and name.endswith(f"/{angle.name}") else "rad"
 
 
 def _as_slice(source: NDArray[np.intp]) -> NDArray[np.intp] | slice:

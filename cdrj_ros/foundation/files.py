@@ -153,7 +153,8 @@ def open_regular(path: StrPath) -> FileIO:
         InputError: there is no such file, or it is not a regular one.
     """
     try:
-        raw = FileIO(path, opener=_without_waiting)
+        # otherwise a named pipe would wait for a writer
+        raw = FileIO(path, opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
     except (OSError, ValueError) as error:  # a value: a null character in the path
         reason = error.strerror if isinstance(error, OSError) else None
         raise InputError(reason or str(error)) from error
@@ -161,11 +162,6 @@ def open_regular(path: StrPath) -> FileIO:
         return raw
     raw.close()
     raise InputError("it is not a regular file")
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open without blocking: opening a named pipe would otherwise wait for a writer."""
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_regular(path: StrPath, most_bytes: int) -> bytes:

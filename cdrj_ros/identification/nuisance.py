@@ -88,7 +88,9 @@ def effects(problem: Problem, coordinates: Vector, causes: Sequence[Cause]) -> T
     document = with_numbers(problem.numbers_alone, fitted)
     columns = np.zeros((here.size, len(causes)))
     for k, cause in enumerate(causes):
-        observed = _observed(problem, cause)
+        observed: Sequence[Observations] = problem.observations
+        if changes_conditioning(cause):  # then readings become other angles
+            observed = [replace(one, samples=None) for one in observed]
         models = [_deviating(document, problem.source, cause, way) for way in (STEP, -STEP)]
         there = [one for one in models if one is not None]
         parts = list(
@@ -142,13 +144,6 @@ def _deviating(document: Document, source: str, cause: Cause, way: float) -> Mod
         return prepare(build_robot(with_numbers(document, changed), source), check_range=False)
     except RobotFileError:
         return None
-
-
-def _observed(problem: Problem, cause: Cause) -> Sequence[Observations]:
-    """The recordings; conditioned anew if the cause changes how readings become angles."""
-    if not changes_conditioning(cause):
-        return problem.observations
-    return [replace(one, samples=None) for one in problem.observations]
 
 
 def _same(path: str) -> str:

@@ -83,20 +83,12 @@ class Health(NamedTuple):
     """Topics whose times of arrival replace the stamps."""
 
 
-def names_with(estimate: Estimate, flag: int) -> list[str]:
-    """Elements that carry a status flag."""
-    flags = estimate.status.astype(np.uint8)
-    return [
-        name for name, value in zip(estimate.layout.elements, flags, strict=True) if value & flag
-    ]
-
-
 def report_of(
     live: LiveEstimator, estimate: Estimate | None, health: Health, times: StepTimes
 ) -> Report:
     """What the estimator says of itself."""
     flagged = {
-        flag: names_with(estimate, flag) if estimate else []
+        flag: [name for name, one in estimate.statuses.items() if one & flag] if estimate else []
         for flag in (SLACK, OVERLOAD, UNSURE, INVALID)
     }
     found = Report("warn", f"waiting: {health.waiting}", {})

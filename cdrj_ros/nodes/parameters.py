@@ -123,7 +123,7 @@ def options_of(values: Mapping[str, Any]) -> Options:
     return Options(
         conditioning=values["conditioning"],
         unsure_share=values["unsure_share"],
-        ignored_sensors=tuple(name for name in split_names(values["ignored_sensors"]) if name),
+        ignored_sensors=tuple(filter(None, map(str.strip, values["ignored_sensors"].split(",")))),
         tracking=bandwidth(values[TRACKING]),
     )
 
@@ -132,11 +132,6 @@ def friction_of(values: Mapping[str, Any]) -> dict[str, float]:
     """Common friction values that replace those of the robot file, by path."""
     given = {name: float(values[name]) for name in (f"friction.{key}" for key in FRICTION)}
     return {name: value for name, value in given.items() if value != UNSET}
-
-
-def split_names(text: str) -> list[str]:
-    """Names that are separated by commas."""
-    return [name.strip() for name in text.split(",")]
 
 
 def bandwidth(value: float) -> float | None:

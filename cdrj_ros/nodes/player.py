@@ -131,7 +131,7 @@ class Player:
         self._refuse_other_publishers()
         self.estimator = self.node.settings(self.executor)
         require_every_sample(self.estimator)
-        for topic in self.node.shared_outputs():
+        for topic in (one for one in self.node.outputs if self.node.count_publishers(one) > 1):
             self.bar.say(f"warning: several nodes publish {topic}; their answers are mixed")
         return True
 

@@ -108,10 +108,6 @@ class ReplayNode(Node):
                 found[topic] = names
         return found
 
-    def shared_outputs(self) -> list[str]:
-        """Output topics of the estimator with more than one publisher."""
-        return [topic for topic in self.outputs if self.count_publishers(topic) > 1]
-
     def reset_estimator(self, executor: EventsExecutor) -> None:
         """Reset the estimator.
 

@@ -23,7 +23,7 @@ from cdrj_ros.robot.couplings import Coupling
 from cdrj_ros.robot.imported import beginning, prefix_offered
 from cdrj_ros.robot.space import UrdfJoint
 from cdrj_ros.robot.transmissions import Transmission, transmissions_of
-from cdrj_ros.robot.urdf import ROOT, held_joints, joints_of, urdf_element
+from cdrj_ros.robot.urdf import HELD, ROOT, joints_of, urdf_element
 
 FASTER: Final = 2.0
 """Largest speed that a reading may have, in units of the limit of commands."""
@@ -94,7 +94,9 @@ class _Begun:
     """A robot file being begun."""
 
     def __init__(self, root: Xml.Element, joints: Sequence[UrdfJoint], path: Path) -> None:
-        self._title, self._held = root.get("name", ""), held_joints(root)
+        self._title = root.get("name", "")
+        held = (one for one in root.findall("joint") if one.get("type") in HELD)
+        self._held = [one.get("name", "") for one in held]
         self._joints = {one.name: one for one in joints}
         self._moving = [one.name for one in joints if one.motion != "fixed" and not one.mimic]
         self._speeds = {one.name: one.max_speed for one in joints}

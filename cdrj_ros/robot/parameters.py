@@ -17,8 +17,9 @@ it scales the modulus.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
+from itertools import chain
 from math import isnan, nan, pi
 from typing import Any, Final
 
@@ -195,7 +196,7 @@ def matching_paths(document: Document, pattern: str) -> tuple[tuple[str, ...], .
     root = _Spot((), document, schema(), "")
     for apart, segments in _expanded(document, root, split_outside(pattern, "."), pattern):
         groups.setdefault(apart, []).append(".".join(segments))
-    for path in member_paths(groups.values()):
+    for path in chain.from_iterable(groups.values()):
         _find(document, path)
     return tuple(tuple(group) for group in groups.values())
 
@@ -369,8 +370,3 @@ def _friction_default(document: Document, keys: Keys, key: str) -> float:
             if name in layer:
                 return float(layer[name])
     return DEFAULTS["friction"].get(key, nan)
-
-
-def member_paths(groups: Iterable[Iterable[str]]) -> tuple[str, ...]:
-    """All paths of all groups, in order."""
-    return tuple(path for group in groups for path in group)

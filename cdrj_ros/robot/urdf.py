@@ -217,11 +217,6 @@ def expanding(path: Path) -> str:
     return f"expand it first: ros2 run xacro xacro {printable(str(path))} -o {printable(out)}"
 
 
-def held_joints(root: Xml.Element) -> list[str]:
-    """Names of joints without a single angle, which stand at their origin."""
-    return [one.get("name", "") for one in root.findall("joint") if one.get("type") in HELD]
-
-
 def joints_of(root: Xml.Element, path: Path) -> list[UrdfJoint]:
     """All joints of a URDF, parents before children; the first one carries the root link.
 

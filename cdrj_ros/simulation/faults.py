@@ -198,7 +198,10 @@ def _turn(robot: Robot, fault: CableFault, index: int, radius: float) -> float:
     stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
     if fault.amount is not None:
         return fault.amount if fault.end is Winch else fault.amount * stretch / radius
-    together = _wound_together(robot, index) if isinstance(fault, Slack) else [index]
+    together = [index]
+    if isinstance(fault, Slack):  # of all cables on the same motors
+        others = (c for c, one in enumerate(robot.cables) if {*one.motors} & {*cable.motors})
+        together += [c for c in others if c != index]
     paid_out = fault.usual_share * sum(_elongation(robot, c) for c in together)
     if not paid_out > 0.0:
         raise UsageError(
@@ -231,12 +234,6 @@ def _end(cable: Cable, fault: CableFault) -> tuple[int, float, int]:
         return at, node.radius or ANCHOR_RADIUS, 1
     lacking = fault.end.__name__.lower()
     raise UsageError(f"fault {fault.kind} needs a cable with a {lacking}; {cable.name} has none")
-
-
-def _wound_together(robot: Robot, index: int) -> list[int]:
-    """Indices of the cables that share a motor with this one, including itself."""
-    own = {*robot.cables[index].motors}
-    return [c for c, cable in enumerate(robot.cables) if c == index or own & {*cable.motors}]
 
 
 def _elongation(robot: Robot, index: int) -> float:

@@ -125,11 +125,6 @@ class LiveRig:
         return float(self._stepper.swing[1])
 
     @property
-    def push_torque(self) -> float:
-        """Sum of the pushes on the free joint now [N m]."""
-        return sum(push.torque for push in self.pushes)
-
-    @property
     def layout(self) -> Layout:
         """Of ``values``: faulty ends have motors of their own."""
         return self._rig.fine.layout
@@ -202,8 +197,9 @@ class LiveRig:
         """Take a step; returns False and keeps the state if the joint would leave its range."""
         drums = self._rig.drums(motor_angle[None])
         joints = np.empty((1, self._pose.size))
+        pushed = np.array([sum(push.torque for push in self.pushes)], dtype=np.float64)
         done = self._stepper.run(
-            drums, self._pose[None], np.array([self.push_torque], dtype=np.float64),
+            drums, self._pose[None], pushed,
             np.array([dt]), self._rig.wiring.offset(np.array([self.time_s])),
             np.zeros(1, dtype=np.bool_), np.empty_like(drums), joints, self._imbalance,
             self._estimates,

@@ -228,7 +228,5 @@ def _stable(
     near = stable[np.argmin(np.abs(angles[stable] - wanted))]
     from scipy.optimize import brentq  # slow to import, so only where used
 
-    def excess_at(angle: float) -> float:
-        return float(excess(np.array([angle]))[0])
-
-    return float(brentq(excess_at, angles[near], angles[near + 1], xtol=1e-14))
+    ends = angles[near], angles[near + 1]
+    return float(brentq(lambda angle: excess(np.array([angle]))[0], *ends, xtol=1e-14))

@@ -18,7 +18,7 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.foundation.output import listed
-from cdrj_ros.robot.description import Joint, Robot
+from cdrj_ros.robot.description import Robot
 from cdrj_ros.simulation.assembly import (
     BATCH,
     MotionError,
@@ -152,7 +152,11 @@ def simulate(
             when = moment(robot, time[upto], joints[row])
             raise _unbalanced(float(joint_torque[row]), when)
         if upto < rows.stop:
-            raise _out_of_range(robot.joints[joint], float(time[upto]))
+            free = robot.joints[joint]
+            raise MotionError(
+                f"{free.name} leaves its range [{free.lower:.4g}, {free.upper:.4g}] at t = "
+                f"{time[upto]:.4g} s: the cables cannot hold the load there"
+            )
         if load is not None:
             _require_solved(robot.joints[joint].name, time[rows], imbalance[rows])
         if progress is not None:
@@ -222,13 +226,6 @@ def _require_solved(name: str, time: Vector, imbalance: Vector) -> None:
             f"the motion of {name} could not be solved to better than {worst:.3g} N m within "
             f"{time[0]:.4g} .. {time[-1]:.4g} s: take smaller steps"
         )
-
-
-def _out_of_range(axis: Joint, time: float) -> MotionError:
-    return MotionError(
-        f"{axis.name} leaves its range [{axis.lower:.4g}, {axis.upper:.4g}] at t = {time:.4g} s: "
-        "the cables cannot hold the load there"
-    )
 
 
 def _unbalanced(torque: float, where: str) -> MotionError:
