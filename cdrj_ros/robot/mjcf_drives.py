@@ -8,8 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from cdrj_ros.foundation.output import counted
-
 PULLEY: Final = 2
 """MuJoCo's code of the beginning of a branch, ``mjWRAP_PULLEY``."""
 
@@ -193,7 +191,5 @@ def other_properties(
     ):
         joints = [label("JOINT", k) for k in moving if float(np.ravel(numbers[k])[0]) > 0.0]
         if joints:
-            yield (
-                f"{name} of {counted(len(joints), 'joint')} is not carried over ({joints[0]}"
-                f"{', ...' * (len(joints) > 1)}): {key} of a joint, for its effort alone"
-            )
+            named = ", ".join(joints)
+            yield f"{name} of {named} is not carried over: {key} of a joint, for its effort alone"
