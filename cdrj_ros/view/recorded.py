@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import ceil, isfinite
 from time import monotonic
 from typing import Any, Final
@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros.estimation.conditioner import Conditioned
-from cdrj_ros.estimation.estimator import Estimates, Samples
-from cdrj_ros.evaluation.channels import Angle, stddev_channels
+from cdrj_ros.evaluation.channels import Angle
 from cdrj_ros.evaluation.comparison import values_at
 from cdrj_ros.evaluation.estimating import pieces_of
 from cdrj_ros.evaluation.inputs import require_samples
 from cdrj_ros.evaluation.validation import MAX_GAP_NS
 from cdrj_ros.foundation.arrays import Series, Vector
-from cdrj_ros.model.packing import TENSION, Layout
+from cdrj_ros.model.packing import TENSION
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording
 from cdrj_ros.view.history import Table
@@ -50,58 +49,37 @@ def recorded_estimates(
     (segment,) = conditioned.segments
     total = segment.stamp_ns.size
     every = 1 + total // MOST
-    measured = {k: v for k, v in recording.references.items() if k.startswith(f"{TENSION}/")}
-    parts: list[Table] = []
-    done = 0
+    layout, parts, done = model.layout, list[Table](), 0
     for piece in pieces_of(model, segment, uncertainty=True):
         kept = slice((-done) % every, None, every)
-        samples = segment.part(slice(done, done + piece.stamp_ns.size))
-        parts.append(_part(model.layout, piece, samples, kept, measured))
+        stamps, status = piece.stamp_ns[kept], piece.status[kept].astype(np.uint8)
+        stddev, force = piece.tension_stddev, (piece.force_x, piece.force_y, piece.force_z)
+        references = (recording.references.get(f"{TENSION}/{name}") for name in layout.elements)
+        parts.append(
+            Table(
+                stamps,
+                segment.joint_angle[done : done + piece.stamp_ns.size][kept],
+                piece.tension[kept],
+                np.full(status.shape, np.nan) if stddev is None else stddev[kept],
+                np.column_stack([at_stamps(one, stamps) for one in references]),
+                status,
+                np.stack(force, axis=-1)[kept],
+                piece.friction[kept],
+                piece.slip_speed[kept],
+                layout.pulley_status(status),
+            )
+        )
         done += piece.stamp_ns.size
         if progress:
             progress(done / total)
     return Table(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _part(
-    layout: Layout,
-    piece: Estimates,
-    samples: Samples,
-    kept: slice,
-    measured: Mapping[str, Series],
-) -> Table:
-    """The kept pictures of one piece."""
-    stamps, values = piece.stamp_ns[kept], piece.values[kept]
-    nothing = np.full((stamps.size, len(layout.elements)), np.nan)
-    known = stddev_channels(layout, piece.stddev)
-    names = [f"{TENSION}/{name}" for name in layout.elements]
-    stddev = np.column_stack([known[name][kept] for name in names]) if known else nothing
-    reference = nothing.copy()
-    for e, name in enumerate(names):
-        if name in measured:
-            reference[:, e] = at_stamps(measured[name], stamps)
-    status = values[:, layout.status].astype(np.uint8)
-    axes = (layout.force_x, layout.force_y, layout.force_z)
-    return Table(
-        stamps,
-        samples.joint_angle[kept],
-        values[:, layout.tension],
-        stddev,
-        reference,
-        status,
-        np.stack([values[:, axis] for axis in axes], axis=-1),
-        values[:, layout.friction],
-        values[:, layout.slip_speed],
-        layout.pulley_status(status),
-    )
-
-
-def at_stamps(series: Series, stamps: NDArray[np.int64]) -> Vector:
+def at_stamps(series: Series | None, stamps: NDArray[np.int64]) -> Vector:
     """A reference at given stamps, interpolated; NaN outside of it and in its gaps."""
-    fine = np.isfinite(series.value)
-    times, first = np.unique(series.stamp_ns[fine], return_index=True)
-    if not times.size:
+    if series is None or not (fine := np.isfinite(series.value)).any():
         return np.full(stamps.size, np.nan)
+    times, first = np.unique(series.stamp_ns[fine], return_index=True)
     return values_at(stamps, Angle("", times, series.value[fine][first]), MAX_GAP_NS)
 
 
