@@ -203,7 +203,8 @@ def sparse_words(
     if not shares:
         return ""
     most = max(shares.values())
-    what = f"{', '.join(shares)} read at {rate_hz:.3g} Hz: too sparse for this motion"
+    worst = sorted(shares, key=shares.__getitem__, reverse=True)
+    what = f"{listed(worst)} read at {rate_hz:.3g} Hz: too sparse for this motion"
     if not np.isfinite(most):
         return what
     enough = ceil(rate_hz * np.sqrt(most / NOTED))
