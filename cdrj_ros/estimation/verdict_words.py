@@ -83,7 +83,7 @@ def _of_verdicts(robot: Robot, judged: Sequence[Verdict]) -> Report:
     values["found"] = "; ".join(found) or "no change"
     broken = any(one.broken for one in judged)
     level: Level = "error" if broken else "warn" if words else "ok"
-    named = tuple(name for one in judged for name in (one.broken, *one.named))
+    named = tuple(name for one in judged for name in (one.broken, *one.named) if name)
     agrees = "agrees with the robot file"
     if not any(one.deviation for one in judged):
         agrees = "nothing to compare: the sensors repeat their readings"

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf
 from pathlib import Path
 from time import monotonic, time_ns
@@ -84,8 +84,10 @@ class Estimation:
         """Whether the user has chosen the reliability of an input, by topic."""
         declare(node, settings(), fixed=not managed)
         self._given: list[Parameter] = []
+        self._named: set[str] = set()
+        """The causes that the last diagnosis named."""
         self._said_s: dict[str, float] = {}
-        """When a cause was last reported, by the steady clock [s]."""
+        """When a logged cause was last named, by the steady clock [s]."""
         self._changes = Changes(self)
         self._diagnosed_s = monotonic()
         self.diagnostics = node.create_publisher(DiagnosticArray, DIAGNOSTICS, FEW)
@@ -294,8 +296,7 @@ class Estimation:
             statuses[0].values.append(KeyValue(key="lifecycle state", value=self.state))
         stamp = self.node.get_clock().now().to_msg()
         self.diagnostics.publish(diagnostic_array(stamp, *statuses))
-        for report in reports.values():
-            self._log(report)
+        self._log(list(reports.values()))
         self.write_state()
 
     def _report(self) -> Report:
@@ -310,13 +311,16 @@ class Estimation:
         self.watch.warn(health)
         return report_of(self.live, self.latest, health, self.times)
 
-    def _log(self, report: Report) -> None:
-        """Log what a report says, once while a cause of it lasts."""
+    def _log(self, reports: Sequence[Report]) -> None:
+        """Log what reports say, once while a cause lasts that two diagnoses in a row have named."""
         now_s = monotonic()
-        is_new = any(now_s - self._said_s.get(one, -inf) > AGAIN_S for one in report.named)
-        self._said_s |= dict.fromkeys(report.named, now_s)
-        if is_new:
-            self.node.get_logger().warning(printable(report.message))
+        named = {one for report in reports for one in report.named}
+        lasting, self._named = named & self._named, named
+        new = {one for one in lasting if now_s - self._said_s.get(one, -inf) > AGAIN_S}
+        self._said_s |= dict.fromkeys(lasting, now_s)
+        for report in reports:
+            if not new.isdisjoint(report.named):
+                self.node.get_logger().warning(printable(report.message))
 
     # --- state file -------------------------------------------------------------------------------
 

@@ -268,7 +268,7 @@ def test_of_explanations_that_are_as_good_one_stays(truth):
     live = LiveEstimator(prepare(parse_robot(text), check_range=False))
     readings, said = (truth.motor_angle, truth.joint_angle, noisy(truth.motor_effort)), []
     for _ in heard(live, STAMPS, *readings):
-        named = [name for name in live.corrections.report().named if name][:1]
+        named = [*live.corrections.report().named][:1]
         if named and named != said[-1:]:
             said += named
     assert len(said) == 1, said
