@@ -46,8 +46,10 @@ class Sampling:
 class Encoder(Sampling):
     """An incremental angle sensor."""
 
-    counts: int
-    """Counts per turn of the axis; on a prismatic joint, per 2 pi m."""
+    counts: int | None = None
+    """Counts per turn of the axis; on a prismatic joint, per 2 pi m; None: the resolution that the
+    robot file states or, where it states none, ``usual_counts``."""
+    usual_counts: int = 16_384
     noise: float = 0.0
     """Standard deviation of the noise before quantisation [rad]."""
     bias: float = 0.0
@@ -81,8 +83,8 @@ class Schedule(NamedTuple):
     """Stamps of the messages [s], shape (n,), increasing."""
 
 
-MOTOR_ENCODER = Encoder(counts=81_920, rate=1000.0)
-JOINT_ENCODER = Encoder(counts=16_384, rate=500.0, phase=0.0003)
+MOTOR_ENCODER = Encoder(usual_counts=81_920, rate=1000.0)
+JOINT_ENCODER = Encoder(rate=500.0, phase=0.0003)
 LOAD_CELLS = LoadCells()
 
 
@@ -133,7 +135,8 @@ def reading_of(sensor: Sensor, angle: Vector) -> Vector:
 def counted(encoder: Encoder, angle: Vector, noise: float | Vector, sensor: Sensor) -> Vector:
     """Readings of angles [rad] as whole counts, with noise [rad]; all arrays of shape (n,)."""
     unit = abs(sensor.scale)  # counts, bias and noise are those of the axis
-    step = 2.0 * np.pi / encoder.counts / unit
+    stated = sensor.resolution if encoder.counts is None else 0.0
+    step = stated or 2.0 * np.pi / (encoder.counts or encoder.usual_counts) / unit
     seen = reading_of(sensor, angle) + (encoder.bias + noise) / unit
     read: Vector = np.round(seen / step) * step
     if np.isfinite(sensor.period):  # wraps around half a period from 0

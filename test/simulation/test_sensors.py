@@ -13,6 +13,7 @@ from cdrj_ros.robot.description import Sensor
 from cdrj_ros.robot.reader import parse_robot
 from cdrj_ros.simulation.faults import Freeze
 from cdrj_ros.simulation.sensors import (
+    JOINT_ENCODER,
     CellGroup,
     Encoder,
     LoadCells,
@@ -48,6 +49,17 @@ def test_every_reading_is_a_whole_number_of_counts():
         read = _read(encoder)
         counts = read / STEP
         np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+
+
+def test_without_counts_of_their_own_encoders_count_as_the_robot_file_states():
+    sensor = Sensor(scale=0.001, resolution=0.01)  # published in mm
+    read = counted(JOINT_ENCODER, SWING, 0.0, sensor)
+    np.testing.assert_allclose(read / 0.01, np.round(read / 0.01), atol=1e-6)
+    assert np.diff(np.unique(read)).min() == pytest.approx(0.01)
+    np.testing.assert_array_equal(
+        counted(replace(JOINT_ENCODER, counts=100), SWING, 0.0, sensor),
+        counted(replace(JOINT_ENCODER, counts=100), SWING, 0.0, Sensor(scale=0.001)),
+    )
 
 
 def test_noise_and_bias_have_the_requested_size():
