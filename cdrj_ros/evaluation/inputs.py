@@ -17,7 +17,7 @@ from cdrj_ros.estimation.conditioner import (
     worth_of,
 )
 from cdrj_ros.estimation.estimator import Angles, Samples
-from cdrj_ros.estimation.refusals import NOTED, sparse_words
+from cdrj_ros.estimation.refusals import NOTED, refusal_words, sparse_words
 from cdrj_ros.estimation.travel import travel_suspicion
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.foundation.arrays import Series, Stamps
@@ -135,12 +135,15 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
 MISFIT: Final = "Readings do not fit the robot file: "
 """Beginning of the note on what may be wrong with which axis."""
 
+MANY: Final = 0.01
+"""Share of the readings, refused by their values, from which axes and remedy are named."""
+
 SELDOM: Final = 0.9
 """Share of the samples whose uncertainty between readings counts as that of the motion."""
 
 
 def doubts_of(model: Model, conditioned: Conditioned) -> list[str]:
-    """Notes on units, gears and names that do not fit the robot file, and on sparse readings."""
+    """Notes on units, gears, names and ranges that do not fit the file, and on sparse readings."""
     notes, robot = [], model.robot
     for one in conditioned.segments:
         if words := travel_suspicion(model, one.motor_angle, one.joint_angle):
@@ -150,6 +153,11 @@ def doubts_of(model: Model, conditioned: Conditioned) -> list[str]:
             rate_hz = 1e9 / float(np.median(np.diff(one.stamp_ns)))
             if words := sparse_words(robot, worth_of(robot), midway, rate_hz):
                 notes.append(f"{words}.")
+    by_value = {
+        cause: conditioned.refused.get(cause, 0) for cause in ("out_of_range", "implausible")
+    }
+    if sum(by_value.values()) > MANY * conditioned.accepted:
+        notes.append(f"{refusal_words(by_value, conditioned.sizes, robot)}.")
     return notes
 
 

@@ -1,5 +1,7 @@
 """A recording of a finger, compared by files with a mistake in names or efforts."""
 
+import re
+
 import numpy as np
 import pytest
 from support.places import ROBOTS
@@ -39,6 +41,16 @@ def test_an_effort_of_the_other_sign_is_answered_with_the_key(bag, tmp_path):
     (note,) = (one for one in compared.notes if one.startswith("Recorded efforts"))
     assert note.startswith("Recorded efforts by the estimates: deep_motor -")
     assert note.endswith("times, effort_sign: +1 fits.")
+
+
+def test_a_joint_of_which_a_part_is_out_of_range_is_named_with_its_range(bag, tmp_path):
+    """The motion of mcp goes up to 40 degrees."""
+    text = (ROBOTS / "finger.yaml").read_text("utf-8")
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(text.replace("range_deg: [-10, 85]", "range_deg: [-10, 30]"), "utf-8")
+    (compared,) = cdrj.validate(wrong, bag, uncertainty=False).bags
+    (note,) = (one for one in compared.notes if "out_of_range" in one)
+    assert re.search("joint mcp at 0.706.*, its range is -0.1745 to 0.5236, correct scale", note)
 
 
 def test_a_cable_without_tension_by_a_wrong_zero_is_said_to_be_slack(bag, tmp_path):
