@@ -177,16 +177,6 @@ def _play_all(
     return outcomes, ending
 
 
-def _replay(
-    arguments: argparse.Namespace, model: Model, topics: Topics, bags: Sequence[Bag],
-    stop: StopRequest,
-) -> int:  # fmt: skip
-    with starting():
-        node = ReplayNode(topics, arguments.clock)
-    with serving(node) as executor:
-        return _play_and_report(arguments, Player(model, node, executor, stop), bags, stop)
-
-
 def _play_and_report(
     arguments: argparse.Namespace, player: Player, bags: Sequence[Bag], stop: StopRequest
 ) -> int:
@@ -269,7 +259,10 @@ def _body(argv: Sequence[str]) -> int:
     topics = topics_of(arguments)
     bags = [_open(arguments, model, topics, path) for path in arguments.bags]
     with ros_context(["replay", *argv]) as stop, stop.listening(), _second_signal_aborts(stop):
-        return _replay(arguments, model, topics, bags, stop)
+        with starting():
+            node = ReplayNode(topics, arguments.clock)
+        with serving(node) as executor:
+            return _play_and_report(arguments, Player(model, node, executor, stop), bags, stop)
 
 
 main = partial(run_command, "replay", _body)

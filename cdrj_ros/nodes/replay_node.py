@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
@@ -50,29 +51,24 @@ class ReplayNode(Node):
         self.joints = self.create_publisher(JointState, JOINT_STATES, qos)
         self.inputs = tuple({p.topic_name: p for p in (self.motors, self.joints)}.values())
         self.outputs = tuple(self.resolve_topic_name(one.topic) for one in ESTIMATE_MESSAGES)
-        self._listeners: list[Callable[[bytes], None]] = [_ignore] * len(ESTIMATE_MESSAGES)
+        self._listeners: list[Callable[[bytes], None]] = []
         for number, message in enumerate((CableTensions, NodalForces, JointState)):
-            self.create_subscription(
-                message, ESTIMATE_MESSAGES[number].topic, self._listener(number), qos, raw=True
-            )
+            hear = partial(self._hear, number)
+            self.create_subscription(message, ESTIMATE_MESSAGES[number].topic, hear, qos, raw=True)
         self.clock = self.create_publisher(Clock, CLOCK, FEW) if clock_hz > 0 else None
         self.estimator = self.resolve_service_name("estimator")
         """Full name of the estimator's node, which is in the same namespace."""
         self._reset = self.create_client(Trigger, f"{self.estimator}/reset")
         self._ping = self.create_client(GetParameters, f"{self.estimator}/get_parameters")
 
-    def _listener(self, number: int) -> Callable[[bytes], None]:
-        listeners = self._listeners
-
-        def on_answer(payload: bytes) -> None:
-            listeners[number](payload)
-
-        return on_answer
+    def _hear(self, number: int, payload: bytes) -> None:
+        if self._listeners:
+            self._listeners[number](payload)
 
     def listen(self, run: Run | None) -> None:
-        """Pass the estimator's outputs to this run from now on."""
-        for number in range(len(ESTIMATE_MESSAGES)):
-            self._listeners[number] = run.listener(number) if run else _ignore
+        """Pass the estimator's outputs to this run from now on; None: ignore them."""
+        numbers = range(len(ESTIMATE_MESSAGES))
+        self._listeners = [run.listener(number) for number in numbers] if run else []
 
     def missing(self) -> list[str]:
         """Descriptions of the missing parts of the estimator; empty if none is missing."""
@@ -150,7 +146,3 @@ class ReplayNode(Node):
         if self.clock is not None:
             sec, nanosec = divmod(max(time_ns, 0), 1_000_000_000)
             self.clock.publish(Clock(clock=Time(sec=sec, nanosec=nanosec)))
-
-
-def _ignore(_payload: bytes) -> None:
-    """Ignore an output received while no run is active."""
