@@ -392,11 +392,6 @@ class Range:
         below = value < self.upper if self.open_above else value <= self.upper
         return above and below
 
-    def __str__(self) -> str:
-        """``[0, 2]`` or ``(0, 1e+15]``."""
-        begin, end = "(" if self.open_below else "[", ")" if self.open_above else "]"
-        return f"{begin}{self.lower:g}, {self.upper:g}{end}"
-
 
 def allowed_range(rules: Mapping[str, Any]) -> Range:
     """Range of a number from its part of the schema, within ±``LARGEST``."""

@@ -40,16 +40,6 @@ KINDS: Final[MappingProxyType[str, ContactKind]] = MappingProxyType(
 ONLY_IN_SPACE: Final = frozenset({"swivel", "eyelet", "cylinder", "sphere", "sheath"})
 """Types of nodes that exist in space only."""
 
-_MOTIONS: Final[MappingProxyType[str, FrameMotion]] = MappingProxyType(
-    {
-        "fixed": "fixed",
-        "revolute": "revolute",
-        "continuous": "revolute",
-        "prismatic": "prismatic",
-        "rolling": "rolling",
-    }
-)
-
 _TURNS: Final = MappingProxyType({"ccw": 1, "cw": -1})
 
 _FRAME_KEYS: Final = ("rpy", "quaternion", "axis", "multiplier", "offset")
@@ -106,7 +96,8 @@ def read_frames(
                 f"{path}.parent",
                 f"must name an earlier frame ({ordered(known)}), got {parent!r}",
             )
-        motion, joint = _MOTIONS[entry["motion"]], entry.get("joint")
+        given, joint = entry["motion"], entry.get("joint")
+        motion: FrameMotion = "revolute" if given == "continuous" else given
         if motion == "fixed" and joint is not None:
             raise refuse(f"{path}.joint", "has no meaning for a fixed frame")
         if motion == "rolling" and len(coupling(f"{path}.joint", joint).shares) > 1:

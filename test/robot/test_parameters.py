@@ -199,16 +199,15 @@ def test_the_defaults_of_the_schema_are_those_of_the_classes(kind):
 
 
 @pytest.mark.parametrize(
-    ("path", "text", "inside", "outside"),
+    ("path", "inside", "outside"),
     [
-        ("cables.upper.friction.mu_c", "[0, 2]", (0.0, 2.0), (-1e-9, 2.1, float("nan"))),
-        ("cables.upper.friction.bearing_friction", "[0, 1)", (0.0, 0.99), (1.0,)),
-        ("cables.upper.friction.bristle_stiffness", "(0, 1e+09]", (1e-3, 1e9), (0.0, 1.1e9)),
-        ("cables.upper.preload", "[0, 1e+15]", (0.0, 1e15), (-1.0, float("inf"))),
+        ("cables.upper.friction.mu_c", (0.0, 2.0), (-1e-9, 2.1, float("nan"))),
+        ("cables.upper.friction.bearing_friction", (0.0, 0.99), (1.0,)),
+        ("cables.upper.friction.bristle_stiffness", (1e-3, 1e9), (0.0, 1.1e9)),
+        ("cables.upper.preload", (0.0, 1e15), (-1.0, float("inf"))),
     ],
 )
-def test_the_range_of_a_number_is_the_one_that_holds(path, text, inside, outside):
+def test_the_range_of_a_number_is_the_one_that_holds(path, inside, outside):
     allowed = allowed_range(find_number(DOCUMENT, path).rules)
-    assert str(allowed) == text
     assert all(value in allowed for value in inside)
     assert not any(value in allowed for value in outside)
