@@ -134,10 +134,7 @@ void Beliefs::take(std::size_t k, const SensorReading& reading) {
     }
     one.strays = found.front().used ? 0 : one.strays + 1;
     one.rest = std::move(rests);
-    if (one.strays == 0 || one.strays > STRAYS) {
-        const double noise = square(reading.noise);
-        one.evidence.add(reading, noise, one.variance - noise);
-    }
+    if (one.strays == 0 || one.strays > STRAYS) one.evidence.add(reading, one.sensor);
     const double most = *std::ranges::max_element(scores);
     const double share = std::min(1.0, passed / INDEPENDENT_S);
     for (std::size_t b = 0; b < scores.size(); ++b) {

@@ -79,8 +79,8 @@ struct Evidence {
                                    // without each cable, then with all, and their number
     Nanoseconds stamp_ns = NEVER_NS;
 
-    /// Add a reading whose errors v have the variance `noise` in each, and `lasting` together.
-    void add(const SensorReading& reading, double noise, double lasting);
+    /// Add a reading of a sensor.
+    void add(const SensorReading& reading, const Accuracy& sensor);
 };
 
 /// A sensor that has been heard, and its last reading.

@@ -235,6 +235,13 @@ def test_a_zero_is_named_beside_a_motor_that_seems_to_turn_too_far(zero):
     assert both, "\n".join(said)
 
 
+@pytest.mark.parametrize("zeros", [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2)])
+def test_a_zero_far_off_is_no_broken_cable(zeros):
+    """Of the hundreds of newtons that the model gives then, the friction history is unknown."""
+    said = said_of_the_neck([15.0, 12.0], [0.4, 0.25], lambda angle: angle + np.array(zeros))
+    assert not any("carries nothing" in one for one in said), "\n".join(said)
+
+
 def test_joints_that_swing_together_are_named_as_swapped_before_a_gear_that_fits_as_well():
     """The motor that pulls one of them seems to turn by the ratio of their amplitudes."""
     said = said_of_the_neck([15.0, 13.0], [0.4, 0.4], lambda angle: angle[:, ::-1])
