@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.identification.observations import Observations, noise_of, samples_by
+from cdrj_ros.identification.observations import Channel, Observations, noise_of, samples_by
 from cdrj_ros.identification.problem import Problem
 
 Labels = NDArray[np.int64]
@@ -72,13 +72,8 @@ def independent_states(problem: Problem) -> int:
 
 def states_of_residuals(problem: Problem) -> Labels:
     """State of every residual, numbered through all recordings, shape (n,)."""
-    labels, count = [], 0
-    for observed, (samples, state) in zip(
-        problem.observations, states_of_samples(problem), strict=True
-    ):
-        labels += [count + one for one in _at_references(observed, samples, state)]
-        count += 2 * STRETCHES
-    return np.concatenate(labels)
+    states = enumerate(_at_references(problem, STRETCHES))
+    return np.concatenate([2 * STRETCHES * k + one for k, parts in states for one in parts])
 
 
 def cells_of_residuals(problem: Problem) -> Labels:
@@ -86,25 +81,22 @@ def cells_of_residuals(problem: Problem) -> Labels:
 
     A residual whose noise is stated has a number of its own.
     """
-    labels, count = [], 0
-    for observed, (samples, state) in zip(
-        problem.observations, states_of_samples(problem, FINE), strict=True
-    ):
-        for one in _at_references(observed, samples, state):
-            labels.append(count + one)
-            count += 2 * FINE
-    found, stated = np.concatenate(labels), noise_stated(problem)
-    found[stated] = count + np.arange(int(stated.sum()))
+    states = [one for parts in _at_references(problem, FINE) for one in parts]
+    found = np.concatenate([2 * FINE * k + one for k, one in enumerate(states)])
+    stated = noise_stated(problem)
+    found[stated] = 2 * FINE * len(states) + np.arange(int(stated.sum()))
     return found
 
 
-def _at_references(observed: Observations, samples: Samples, state: Labels) -> list[Labels]:
-    """States at the stamps of one recording's references, one array per channel."""
-    last = samples.stamp_ns.size - 1
-    return [
-        state[np.clip(np.searchsorted(samples.stamp_ns, channel.stamp_ns), 0, last)]
-        for channel in observed.channels
-    ]
+def _at_references(problem: Problem, stretches: int) -> Iterator[list[Labels]]:
+    """States at the stamps of every recording's references, one array per channel."""
+    recordings = zip(problem.observations, states_of_samples(problem, stretches), strict=True)
+    for observed, (samples, state) in recordings:
+        last = samples.stamp_ns.size - 1
+        yield [
+            state[np.clip(np.searchsorted(samples.stamp_ns, channel.stamp_ns), 0, last)]
+            for channel in observed.channels
+        ]
 
 
 def _moves_forward(stamp_ns: Labels, position: Vector) -> Labels:
@@ -169,12 +161,9 @@ def white_variance(problem: Problem, residuals: Vector) -> float:
     """
     size, whole = _size_and_squares(_measured(problem, residuals))
     noise = 0.0
-    for observed, parts in zip(
-        problem.observations, _by_recording(problem, residuals), strict=True
-    ):
-        for channel, part in zip(observed.channels, parts, strict=True):
-            if channel.scale is None:  # that of means is known, and too few show it
-                noise += part.size if channel.averaged else white_power(part)
+    for _, channel, part in by_channel(problem, residuals):
+        if channel.scale is None:  # that of means is known, and too few show it
+            noise += part.size if channel.averaged else white_power(part)
     return min(noise, whole) / size if size else 1.0
 
 
@@ -192,13 +181,11 @@ def noise_stated(problem: Problem) -> NDArray[np.bool_]:
 
 def _measured(problem: Problem, residuals: Vector) -> list[list[Vector]]:
     """Residuals without stated noise of every channel, one list for each recording with some."""
-    found = []
-    for observed, parts in zip(
-        problem.observations, _by_recording(problem, residuals), strict=True
-    ):
-        pairs = zip(observed.channels, parts, strict=True)
-        found.append([part for channel, part in pairs if channel.scale is None])
-    return [parts for parts in found if parts]
+    found: dict[int, list[Vector]] = {}
+    for observed, channel, part in by_channel(problem, residuals):
+        if channel.scale is None:
+            found.setdefault(id(observed), []).append(part)
+    return list(found.values())
 
 
 def _size_and_squares(recordings: Sequence[Sequence[Vector]]) -> tuple[int, float]:
@@ -206,13 +193,15 @@ def _size_and_squares(recordings: Sequence[Sequence[Vector]]) -> tuple[int, floa
     return sum(part.size for part in parts), sum(float(part @ part) for part in parts)
 
 
-def _by_recording(problem: Problem, residuals: Vector) -> Iterator[list[Vector]]:
-    """Residuals of every channel, one list for each recording."""
+def by_channel(
+    problem: Problem, residuals: Vector
+) -> Iterator[tuple[Observations, Channel, Vector]]:
+    """Residuals of every channel of every recording, with both."""
     at = 0
     for observed in problem.observations:
-        ends = at + np.cumsum([channel.reference.size for channel in observed.channels])
-        yield np.split(residuals[at : ends[-1]], ends[:-1] - at)
-        at = ends[-1]
+        for channel in observed.channels:
+            yield observed, channel, residuals[at : at + channel.reference.size]
+            at += channel.reference.size
 
 
 def white_power(residuals: Vector) -> float:
@@ -383,17 +372,14 @@ def unexplained(problem: Problem, residuals: Vector) -> dict[str, Unexplained]:
     parts: dict[str, list[Vector]] = {}
     noises: dict[str, list[Vector]] = {}
     single: dict[str, list[Vector]] = {}
-    for observed, split in zip(
-        problem.observations, _by_recording(problem, residuals), strict=True
-    ):
-        for channel, part in zip(observed.channels, split, strict=True):
-            values = observed.recorded.references[channel.name].value
-            finite = values[np.isfinite(values)]
-            noise = channel.scale.noise if channel.scale else noise_of(finite)
-            own = channel.sigma if channel.averaged else noise
-            parts.setdefault(channel.name, []).append(part * channel.sigma)
-            single.setdefault(channel.name, []).append(np.full(part.size, noise))
-            noises.setdefault(channel.name, []).append(np.full(part.size, own))
+    for observed, channel, part in by_channel(problem, residuals):
+        values = observed.recorded.references[channel.name].value
+        finite = values[np.isfinite(values)]
+        noise = channel.scale.noise if channel.scale else noise_of(finite)
+        own = channel.sigma if channel.averaged else noise
+        parts.setdefault(channel.name, []).append(part * channel.sigma)
+        single.setdefault(channel.name, []).append(np.full(part.size, noise))
+        noises.setdefault(channel.name, []).append(np.full(part.size, own))
     return {
         name: Unexplained(_rms(own), _rms(single[name]), model_error(own, noises[name]))
         for name, own in parts.items()

@@ -16,7 +16,11 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.identification.problem import Loss, Problem, Progress
-from cdrj_ros.identification.residual_statistics import effective_variance, noise_stated
+from cdrj_ros.identification.residual_statistics import (
+    by_channel,
+    effective_variance,
+    noise_stated,
+)
 
 STEP: Final = 2e-3
 """Finite-difference step of the Jacobian, in coordinates."""
@@ -293,14 +297,10 @@ def _slope(problem: Problem, coordinates: Vector, k: int) -> Vector:
 def _thresholds(problem: Problem, residuals: Vector) -> Vector:
     """Threshold of the robust loss for every residual: ``HUBER`` robust sigmas of its channel."""
     by_name: dict[str, list[Vector]] = {}
-    at = 0
     spans = []
-    for observed in problem.observations:
-        for channel in observed.channels:
-            part = residuals[at : at + channel.reference.size]
-            by_name.setdefault(channel.name, []).append(np.abs(part))
-            spans.append((channel.name, part.size))
-            at += part.size
+    for _, channel, part in by_channel(problem, residuals):
+        by_name.setdefault(channel.name, []).append(np.abs(part))
+        spans.append((channel.name, part.size))
     bends = {
         name: max(HUBER * 1.4826 * float(np.median(np.concatenate(parts))), 1e-12)
         for name, parts in by_name.items()
