@@ -18,8 +18,8 @@ from std_msgs.msg import String
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.model.prepared import Model, load_model
 from cdrj_ros.nodes.settings import Setting
-from cdrj_ros.robot.names import prefix_given
-from cdrj_ros.robot.urdf import DESCRIPTION, description_given
+from cdrj_ros.robot.names import PREFIX, given
+from cdrj_ros.robot.urdf import DESCRIPTION, PUBLISHED
 
 TOPIC: Final = f"/{DESCRIPTION}"
 
@@ -57,7 +57,7 @@ def given_model(node: Node, robot: str, preload: Sequence[float] | None = None) 
     if not robot:
         raise UsageError("the parameter robot is missing: --ros-args -p robot:=FILE")
     prefix = str(node.get_parameter("prefix").value)
-    with description_given(lambda: robot_description(node)), prefix_given(prefix):
+    with given(PUBLISHED, lambda: robot_description(node)), given(PREFIX, prefix):
         return load_model(robot, preload)
 
 

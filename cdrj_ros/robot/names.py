@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.foundation.yaml import Document
@@ -17,17 +17,20 @@ _KINDS: Final = ("motors.", "joints.", "effort/")
 """Beginnings of paths of numbers of motors and joints, and of channels of their efforts."""
 
 
-_prefix: ContextVar[str] = ContextVar("prefix", default="")
+PREFIX: Final[ContextVar[str]] = ContextVar("prefix", default="")
+"""Prefix of the robot files that are read; empty: their own."""
+
+Value = TypeVar("Value")
 
 
 @contextmanager
-def prefix_given(prefix: str) -> Iterator[None]:
-    """Let robot files that are read within the context have another prefix; empty: their own."""
-    token = _prefix.set(prefix)
+def given(variable: ContextVar[Value], value: Value) -> Iterator[None]:
+    """Let robot files be read with another value of the variable within the context."""
+    token = variable.set(value)
     try:
         yield
     finally:
-        _prefix.reset(token)
+        variable.reset(token)
 
 
 def prefixed(name: str, prefix: str) -> str:
@@ -71,7 +74,7 @@ def with_prefix(document: Document) -> Document:
     Args:
         document: a robot file in SI, not yet validated.
     """
-    document = {**document, "prefix": _prefix.get()} if _prefix.get() else document
+    document = {**document, "prefix": PREFIX.get()} if PREFIX.get() else document
     prefix = document.get("prefix")
     if not isinstance(prefix, str) or not prefix:
         return document

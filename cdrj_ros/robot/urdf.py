@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import replace
 from pathlib import Path
@@ -37,21 +36,8 @@ ROOT: Final = "base"
 DESCRIPTION: Final = "robot_description"
 """Name that stands for the URDF that robot_state_publisher publishes."""
 
-_description: ContextVar[Callable[[], str] | None] = ContextVar("robot_description", default=None)
-
-
-@contextmanager
-def description_given(text: Callable[[], str]) -> Iterator[None]:
-    """Let robot files that are read within the context name ``robot_description`` as their URDF.
-
-    Args:
-        text: returns the URDF; called only for a robot file that names it.
-    """
-    token = _description.set(text)
-    try:
-        yield
-    finally:
-        _description.reset(token)
+PUBLISHED: Final[ContextVar[Callable[[], str] | None]] = ContextVar(DESCRIPTION, default=None)
+"""Returns the URDF for a robot file that names ``robot_description``; called only for those."""
 
 
 def with_urdf_frames(document: Document, source: str) -> Document:
@@ -169,7 +155,7 @@ def _mesh(name: str, urdf: Path) -> Path | None:
 
 def _described(source: str) -> bytes:
     """The text of robot_description."""
-    text = _description.get()
+    text = PUBLISHED.get()
     if text is None:
         raise RobotFileError(
             f"frames.urdf: {DESCRIPTION} is known to nodes only; save it by ros2 param get "

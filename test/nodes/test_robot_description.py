@@ -9,8 +9,9 @@ from support.places import ROBOTS
 
 from cdrj_ros.foundation.errors import RobotFileError, UsageError
 from cdrj_ros.nodes.robot_description import KEPT, robot_description
+from cdrj_ros.robot.names import given
 from cdrj_ros.robot.reader import load_robot
-from cdrj_ros.robot.urdf import description_given
+from cdrj_ros.robot.urdf import PUBLISHED
 
 URDF = (ROBOTS / "finger3d.urdf").read_text(encoding="utf-8")
 
@@ -24,7 +25,7 @@ def robot_file(tmp_path):
 
 
 def test_the_frames_are_those_of_the_description(robot_file):
-    with description_given(lambda: URDF):
+    with given(PUBLISHED, lambda: URDF):
         told = load_robot(robot_file)
     assert told.frames == load_robot(ROBOTS / "finger3d.yaml").frames
 

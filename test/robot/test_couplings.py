@@ -7,7 +7,7 @@ from support.refusal import refusal
 
 from cdrj_ros.model.prepared import prepare, shape_at
 from cdrj_ros.robot.groups import part_of
-from cdrj_ros.robot.names import prefix_given
+from cdrj_ros.robot.names import PREFIX, given
 from cdrj_ros.robot.parameters import find_number, matching_paths, with_numbers
 from cdrj_ros.robot.reader import build_robot, parse_robot
 
@@ -153,7 +153,7 @@ def test_shares_and_offsets_are_numbers_of_the_file_with_default_standard_deviat
 
 
 def test_a_prefix_stands_before_the_joints_that_move_a_coupled_one():
-    with prefix_given("left_"):
+    with given(PREFIX, "left_"):
         robot = parse_robot(FINGER % coupled_entries())
     assert [joint.name for joint in robot.joints] == ["left_a", "left_b"]
     assert {frame.joint for frame in robot.frames} == {None, "left_a", "left_b"}
