@@ -269,11 +269,12 @@ ByName<std::tuple<Index, Index, Index>> estimate_parts(const GivenIntegers& topo
     require(topology.size() >= Index{sizeof(Sizes) / sizeof(Index)}, "topology is too short");
     const Sizes& sizes = *reinterpret_cast<const Sizes*>(topology.data());
     ByName<std::tuple<Index, Index, Index>> parts;
-    for (const EstimatePart& part : ESTIMATE) {
-        const Index first = first_of(sizes, part.numbers);
-        parts[part.name] = std::tuple(
-            first, first + sizes.*part.count, part.uncertain ? first_of(sizes, part.numbers, true) : -1);
-    }
+    Estimate::parts(sizes, [&](const char* name, auto member, Index count) {
+        const Index first = first_of(sizes, member);
+        const bool is_uncertain = std::ranges::find(UNCERTAIN, member) != std::end(UNCERTAIN);
+        parts[name] = std::tuple(
+            first, first + count, is_uncertain ? first_of(sizes, member, true) : -1);
+    });
     return parts;
 }
 

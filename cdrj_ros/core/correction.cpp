@@ -27,11 +27,10 @@ void correct(
     const Topology& topology = robot.topology;
     Estimate estimate(topology.sizes, numbers.data());
     std::size_t q = 0;
-    for (const EstimatePart& part : ESTIMATE) {
-        if (!part.uncertain) continue;
-        const bool is_magnitude = part.numbers == &Estimate::magnitude;
-        const bool pulls = is_magnitude || part.numbers == &Estimate::tension;
-        const auto values = estimate.*part.numbers;
+    for (const auto part : UNCERTAIN) {
+        const bool is_magnitude = part == &Estimate::magnitude;
+        const bool pulls = is_magnitude || part == &Estimate::tension;
+        const auto values = estimate.*part;
         for (std::size_t k = 0; k < values.size(); ++k, ++q) {
             const double before = values[k];
             values[k] = pulls ? std::max(before + said.shift[q], 0.0) : before + said.shift[q];

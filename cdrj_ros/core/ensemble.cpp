@@ -45,14 +45,16 @@ std::vector<UncertainOutput> quantities_of(const Robot& robot, std::span<const d
         of_pulleys.insert(of_pulleys.end(), topology.cables[c].pulleys, c);
     }
     std::vector<UncertainOutput> found;
-    Index axis = 0;
-    for (const EstimatePart& part : ESTIMATE) {
-        if (!part.uncertain) continue;
-        const Index first = first_of(sizes, part.numbers);
-        for (Index k = 0; k < sizes.*part.count; ++k) {
-            const bool on_cable = part.count == &Sizes::elements || part.count == &Sizes::pulleys;
-            const auto& cables = part.count == &Sizes::elements ? of_elements : of_pulleys;
-            found.push_back({first + k, on_cable ? cables[k] : -1, on_cable ? -1 : axis++, -1, 0.0, 0.0});
+    std::vector<double> numbers(robot.estimate_size());
+    const Estimate estimate(sizes, numbers.data());
+    for (const auto part : UNCERTAIN) {
+        const bool is_tension = part == &Estimate::tension;
+        const bool on_cable = is_tension || part == &Estimate::magnitude;
+        const auto& cables = is_tension ? of_elements : of_pulleys;
+        const Index first = (estimate.*part).data() - numbers.data();
+        const Index axis = first - first_of(sizes, &Estimate::motor_effort);
+        for (Index k = 0; k < std::ssize(estimate.*part); ++k) {
+            found.push_back({first + k, on_cable ? cables[k] : -1, on_cable ? -1 : axis + k, -1, 0.0, 0.0});
         }
     }
     for (std::size_t q = 0; q < found.size(); ++q) {

@@ -150,22 +150,18 @@ void State::take_cable(const Topology& topology, Index c, const State& from) con
 
 std::size_t State::size(const Sizes& sizes) { return words_of<State>(sizes); }
 
-Estimate::Estimate(const Sizes& sizes, double* estimate) {
-    for (const EstimatePart& part : ESTIMATE) take(this->*part.numbers, estimate, sizes.*part.count);
-}
+Estimate::Estimate(const Sizes& sizes, double* estimate) { lay(*this, sizes, estimate); }
 
-std::size_t Estimate::size(const Sizes& sizes) {
-    Index words = 0;
-    for (const EstimatePart& part : ESTIMATE) words += sizes.*part.count;
-    return static_cast<std::size_t>(words);
-}
+std::size_t Estimate::size(const Sizes& sizes) { return words_of<Estimate>(sizes); }
 
 Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among_uncertain) {
     Index first = 0;
-    for (const EstimatePart& one : ESTIMATE) {
-        if (one.numbers == part) break;
-        if (one.uncertain || !among_uncertain) first += sizes.*one.count;
-    }
+    bool is_before = true;
+    Estimate::parts(sizes, [&](const char*, auto member, Index count) {
+        is_before = is_before && member != part;
+        const bool counts = !among_uncertain || std::ranges::find(UNCERTAIN, member) != std::end(UNCERTAIN);
+        if (is_before && counts) first += count;
+    });
     return first;
 }
 

@@ -274,34 +274,31 @@ struct Estimate {
     std::span<double> residual;      // largest force imbalance of every cable [N]
     std::span<double> correction;    // that is part of every output with a learned one [N] or [N m]
     std::span<double> trust;         // share of it that applies there, (R3)
+
+    /// Every part in its order: its name, its member, and its rows. What joints have follows what motors have,
+    /// so that both are one part of all axes.
+    template <typename Visit>
+    static void parts([[maybe_unused]] const Sizes& sizes, Visit visit) {
+        visit("tension", &Estimate::tension, sizes.elements);
+        visit("status", &Estimate::status, sizes.elements);
+        visit("force_x", &Estimate::force_x, sizes.pulleys);
+        visit("force_y", &Estimate::force_y, sizes.pulleys);
+        visit("force_z", &Estimate::force_z, sizes.pulleys);
+        visit("magnitude", &Estimate::magnitude, sizes.pulleys);
+        visit("friction", &Estimate::friction, sizes.pulleys);
+        visit("slip_speed", &Estimate::slip_speed, sizes.pulleys);
+        visit("motor_effort", &Estimate::motor_effort, sizes.motors);
+        visit("joint_effort", &Estimate::joint_effort, sizes.joints);
+        visit("iterations", &Estimate::iterations, sizes.cables);
+        visit("residual", &Estimate::residual, sizes.cables);
+        visit("correction", &Estimate::correction, sizes.residuals);
+        visit("trust", &Estimate::trust, sizes.residuals);
+    }
 };
 
-/// A part of an estimate.
-struct EstimatePart {
-    const char* name;
-    std::span<double> Estimate::*numbers;
-    Index Sizes::*count;
-    bool uncertain;  // whether its numbers have standard deviations
-};
-
-/// All parts of an estimate in their order, in which the standard deviations lie too; the only place that knows
-/// it. What joints have follows what motors have, so that both are one part of all axes.
-inline constexpr EstimatePart ESTIMATE[] = {
-    {"tension", &Estimate::tension, &Sizes::elements, true},
-    {"status", &Estimate::status, &Sizes::elements, false},
-    {"force_x", &Estimate::force_x, &Sizes::pulleys, false},
-    {"force_y", &Estimate::force_y, &Sizes::pulleys, false},
-    {"force_z", &Estimate::force_z, &Sizes::pulleys, false},
-    {"magnitude", &Estimate::magnitude, &Sizes::pulleys, true},
-    {"friction", &Estimate::friction, &Sizes::pulleys, false},
-    {"slip_speed", &Estimate::slip_speed, &Sizes::pulleys, false},
-    {"motor_effort", &Estimate::motor_effort, &Sizes::motors, true},
-    {"joint_effort", &Estimate::joint_effort, &Sizes::joints, true},
-    {"iterations", &Estimate::iterations, &Sizes::cables, false},
-    {"residual", &Estimate::residual, &Sizes::cables, false},
-    {"correction", &Estimate::correction, &Sizes::residuals, false},
-    {"trust", &Estimate::trust, &Sizes::residuals, false},
-};
+/// The parts with standard deviations, in the order in which these lie.
+inline constexpr std::span<double> Estimate::*UNCERTAIN[] = {
+    &Estimate::tension, &Estimate::magnitude, &Estimate::motor_effort, &Estimate::joint_effort};
 
 /// Index of the first number of a part among all numbers of an estimate, or among the uncertain ones.
 Index first_of(const Sizes& sizes, std::span<double> Estimate::*part, bool among_uncertain = false);

@@ -53,9 +53,7 @@ void Signatures::step(
     if (slipping_[k] && solved) robots_[k].forget_drums(robots_.state(k).data());
     const Step done(robots_[k], robots_.state(k).data(), out_.data());
     auto value = values_.begin() + k * quantities();
-    for (const EstimatePart& part : ESTIMATE) {
-        if (part.uncertain) value = std::ranges::copy(done.estimate.*part.numbers, value).out;
-    }
+    for (const auto part : UNCERTAIN) value = std::ranges::copy(done.estimate.*part, value).out;
     for (Index c = 0; c < sizes_.cables; ++c) {
         for (const Index a : topology_.paths->of_cable[c].axes) {
             const double sign = robots_[k].constants.axes[a].effort_sign;
