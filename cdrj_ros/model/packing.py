@@ -211,6 +211,11 @@ class Layout:
     trust: slice
     """Share of it that applies."""
 
+    @property
+    def effort(self) -> slice:
+        """Of all motors, then all joints."""
+        return slice(self.motor_effort.start, self.joint_effort.stop)
+
     def in_frame(self, base_link: str) -> Layout:
         """The layout with another name of the base frame; empty: this one."""
         base = base_link or self.base_link
