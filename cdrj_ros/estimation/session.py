@@ -358,8 +358,10 @@ class LiveEstimator:
 
         It looks at the samples since it was asked last: ask once a second.
         """
-        suspected = self._suspected()
-        return suspected if self.misfitting else ""
+        suspected, found = self._suspected(), self.report()
+        if not (suspected and self.misfitting):
+            return ""
+        return found.message if found is not None else suspected
 
     def report(self) -> Report | None:
         """What readings say about robot and sensors; None before the first of a sensor.

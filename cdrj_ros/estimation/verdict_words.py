@@ -47,7 +47,8 @@ def report(robot: Robot, verdicts: Sequence[Verdict | None], travel: str = "") -
     """Put into words what is found.
 
     A motor that turns otherwise than its cables allow looks like many changes, and is said in their
-    place.  A broken cable and a joint's zero look like it, and are said beside it.
+    place.  A broken cable and a joint's zero look like it, and are said beside it; a zero that
+    explains all readings is said first, since it is one change for several motors.
 
     Args:
         robot: the robot.
@@ -59,6 +60,8 @@ def report(robot: Robot, verdicts: Sequence[Verdict | None], travel: str = "") -
     if not travel:
         return found
     kinds = {one.change.kind.name for verdict in judged for one in verdict.found if one.matters}
+    if ZERO.name in kinds and all(one.explained for one in judged):
+        return replace(found, message=f"{found.message}; or {travel}")
     if found.level == "error" or ZERO.name in kinds:
         return replace(found, message=f"{travel}; or {found.message}")
     return replace(found, level="warn", message=travel, named=("travel",))

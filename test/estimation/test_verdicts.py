@@ -348,17 +348,19 @@ def test_a_tare_takes_the_preload_that_a_load_cell_has_shown(model, motion):
 
 
 @pytest.mark.parametrize(
-    ("kind", "broken", "beside"),
-    [(PRELOAD, "", False), (FRICTION, "", False), (ZERO, "", True), (ZERO_M, "", True),
-     (PRELOAD, "upper", True)],
+    ("kind", "broken", "left", "words"),
+    [(PRELOAD, "", 1.0, "winch turns"), (FRICTION, "", 1.0, "winch turns"),
+     (ZERO, "", 1.0, "{}; or winch turns"), (ZERO_M, "", 1.0, "{}; or winch turns"),
+     (ZERO, "", 99.0, "winch turns; or {}"), (PRELOAD, "upper", 1.0, "winch turns; or {}")],
 )  # fmt: skip
 def test_a_motor_that_turns_too_far_is_said_in_place_of_what_it_looks_like(
-    model, kind, broken, beside
+    model, kind, broken, left, words
 ):
     """A joint's zero and a broken cable look like such a motor, and are said beside it."""
     change = Change("what", kind, "unit", 1.0, 0.1, (0,))
-    verdict = Verdict((Finding(change, 0.5, 0.1, (), 9.0),), broken)
+    deviation = {"winch": (3.0, 2.0)}
+    verdict = Verdict((Finding(change, 0.5, 0.1, (), 9.0),), broken, left, deviation=deviation)
     alone, both = (report(model.robot, [None, verdict], said) for said in ("", "winch turns"))
-    assert both.message == (f"winch turns; or {alone.message}" if beside else "winch turns")
+    assert both.message == words.format(alone.message)
     assert both.level == ("error" if broken else "warn")
     assert report(model.robot, [None], "winch turns").message == "winch turns"
