@@ -1,7 +1,7 @@
 """Shares of the uncertain numbers in the spread of every tension, and how to reduce them.
 
-Each cause of error deviates by one standard deviation while all joints move through their ranges
-and the motors follow.  The change of a tension is the cause's contribution (U7).
+Each cause of error deviates while all joints move through their ranges and the motors follow.  The
+change of a tension per standard deviation is the cause's contribution (U7).
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ GOLDEN_ANGLE: Final = np.pi * (3.0 - 5.0**0.5)
 
 DURATION_S: Final = 40.0
 """Duration of the motion [s]."""
+
+SMALL: Final = 0.01
+"""Deviation, in standard deviations: a whole one would make many cables slack, and errors that
+cancel, such as those of a joint's zero and of its reference angle, would seem not to."""
 
 MOST_CAUSES: Final = 400
 """Largest number of causes that are compared; each needs a model and a run of its own."""
@@ -111,7 +115,8 @@ def _shares_of(model: Model) -> Shares | None:
             causes.append(Tolerance(one.what, one.measure, factor))
     if len(causes) > MOST_CAUSES:
         return None
-    effect = tension_effects(model, [cause.factor for cause in causes])
+    small = [{path: SMALL * value for path, value in one.factor.items()} for one in causes]
+    effect = tension_effects(model, small) / SMALL
     correlation = np.eye(len(causes))
     own = slice(known.stated)
     correlation[own, own] = with_covariance(stated, known.covariance[own, own]).correlation

@@ -352,3 +352,16 @@ def test_the_contribution_of_one_number_is_its_effect():
     assert shares.stddev[:8] == pytest.approx(0.4, rel=0.02)
     assert np.all(shares.stddev[8:] == 0.0)
     assert [cause.what for cause in shares.causes] == ["cables.upper.preload"]
+
+
+def test_errors_that_cancel_make_no_tension_uncertain():
+    """A tare: the error of the reference angle is that of the encoder's zero, here 3 degrees."""
+    document = dict(load_model("finger").robot.document)
+    zero = ["joints.mcp.offset", "joints.mcp.reference_angle"]
+    document["uncertainty"] = {
+        "others": "exact", "parameters": zero, "stddev": [0.05, 0.05], "correlation": [[1], [1, 1]],
+    }  # fmt: skip
+    shares = uncertainty_shares(prepare(build_robot(document, "test")))
+    alone = {**document["uncertainty"], "correlation": [[1], [0, 1]]}
+    apart = uncertainty_shares(prepare(build_robot({**document, "uncertainty": alone}, "test")))
+    assert np.all(shares.stddev < 0.02 * apart.stddev.max())
