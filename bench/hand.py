@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import yaml
@@ -17,6 +18,8 @@ from cdrj_ros.robot.reader import parse_robot
 
 FINGER = ROOT / "config" / "robots" / "finger.yaml"
 ROUNDS = 3
+STARTS = 9
+"""Rounds of starts, whose ratio varies by a fifth on a busy machine."""
 START_NS = 1_700_000_000 * 10**9
 PLAIN_RATE = 500
 """Samples per second of plain steps, and of joints without encoder."""
@@ -125,8 +128,8 @@ def measure():
     what = "five fingers, no encoder at the outer joints, one update"
     rows.append(alone(what, "ms", np.array(hidden) * 1e3 / PLAIN_RATE, "≤ 0.6"))
     five, twenty = fingers(5), fingers(20)
-    pairs = [(_making(twenty), _making(five)) for _ in range(ROUNDS)]
-    larger, smaller = zip(*pairs, strict=True)
+    made = [partial(LiveEstimator, model) for model in (twenty, five)]
+    larger, smaller = in_turn(STARTS, *made)
     what = "an estimator of twenty fingers made"
     rows.append(compared(what, "s", larger, "of five", smaller, "≤ 4.5"))
     often = 50, 3.0  # reading rate and frequency at which the members' own steps weigh most
@@ -140,7 +143,3 @@ def measure():
     ready = [processor_seconds(hand.expect_sensors) for _ in range(ROUNDS)]
     what = "the shipped hand prepared for the torques of 17 motors"
     return [*rows, alone(what, "s", ready, "≤ 1")]
-
-
-def _making(model):
-    return processor_seconds(lambda: LiveEstimator(model))

@@ -8,6 +8,7 @@ from cdrj_ros.foundation.arrays import Matrix, Vector
 from cdrj_ros.model.laws import elasticity_of, modulus_at, strain_at, tensions_at
 from cdrj_ros.model.prepared import Model, lengths_at
 from cdrj_ros.robot.description import Robot
+from cdrj_ros.robot.groups import connected_cables
 
 
 def following_motors(model: Model, poses: Matrix) -> Matrix:
@@ -44,7 +45,12 @@ def followed_by(robot: Robot, whole: Matrix) -> tuple[Matrix, Matrix]:
     """
     stiffness, radii = stiffness_at_preload(robot, whole[0]), robot.effective_radii
     wanted = whole[0] - whole  # length to be wound in, (poses, cables)
-    angles = np.linalg.lstsq(stiffness[:, None] * radii, (stiffness * wanted).T, rcond=None)[0].T
+    angles = np.zeros((len(whole), len(robot.motors)))
+    for group in map(list, connected_cables(robot, by_joints=False)):
+        own = np.flatnonzero(radii[group].any(axis=0))
+        pulls = stiffness[group, None] * radii[np.ix_(group, own)]
+        wound = (stiffness[group] * wanted[:, group]).T
+        angles[:, own] = np.linalg.lstsq(pulls, wound, rcond=None)[0].T
     preload = np.array([cable.preload for cable in robot.cables])
     taken_up = angles @ radii.T - wanted
     tension = preload + stiffness * taken_up
