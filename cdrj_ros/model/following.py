@@ -46,11 +46,12 @@ def followed_by(robot: Robot, whole: Matrix) -> tuple[Matrix, Matrix]:
     stiffness, radii = stiffness_at_preload(robot, whole[0]), robot.effective_radii
     wanted = whole[0] - whole  # length to be wound in, (poses, cables)
     angles = np.zeros((len(whole), len(robot.motors)))
-    for group in map(list, connected_cables(robot, by_joints=False)):
-        own = np.flatnonzero(radii[group].any(axis=0))
-        pulls = stiffness[group, None] * radii[np.ix_(group, own)]
-        wound = (stiffness[group] * wanted[:, group]).T
-        angles[:, own] = np.linalg.lstsq(pulls, wound, rcond=None)[0].T
+    for group in connected_cables(robot, by_joints=False):
+        own = np.array(group)
+        turned = np.flatnonzero(radii[own].any(axis=0))
+        pulls = stiffness[own, None] * radii[np.ix_(own, turned)]
+        wound = (stiffness[own] * wanted[:, own]).T
+        angles[:, turned] = np.linalg.lstsq(pulls, wound, rcond=None)[0].T
     preload = np.array([cable.preload for cable in robot.cables])
     taken_up = angles @ radii.T - wanted
     tension = preload + stiffness * taken_up

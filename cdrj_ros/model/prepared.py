@@ -160,8 +160,10 @@ def _settled(model: Model, rest: Shape) -> Model:
                 f"element {name} has the length {length:.4g} m in the reference pose "
                 f"({robot.source})"
             )
-    for c, cable in enumerate(robot.cables):
-        own = segments_of(model, c)
+    begin = 0
+    for cable, contacts in zip(robot.cables, model.connections.cables["contacts"], strict=True):
+        own = slice(begin, begin + int(contacts) + 1)
+        begin = own.stop
         stretch = 1.0 + strain_at(elasticity_of(cable), cable.preload)
         if cable.rest_length:
             stretch = rest.segment[own].sum() / cable.rest_length
@@ -245,13 +247,6 @@ def lengths_at(model: Model, joint_angle: Table) -> Table:
     return found
 
 
-def segments_of(model: Model, c: int) -> slice:
-    """Segments of a cable, in the order of the robot's."""
-    cable = model.connections.cables[c]
-    first = int(cable.first_contact) + c
-    return slice(first, first + int(cable.contacts) + 1)
-
-
 def read_only(array: Vector) -> Vector:
     """A read-only view."""
     view = array.view()
@@ -263,13 +258,11 @@ def _model(robot: Robot) -> Model:
     """Pack a robot; the constants that follow from its reference pose are not yet set."""
     topology, constants = pack(robot)
     topology.flags.writeable = False
-    parts = topology_views(topology)
-    sizes = Sizes(*map(int, parts.sizes))
     return Model(
         robot=robot,
         topology=topology,
         constants=constants,
-        sizes=sizes,
+        sizes=topology_views(topology).sizes,
         layout=layout_of(robot, topology),
     )
 
@@ -281,20 +274,18 @@ def _set_references(model: Model, rest: Views, reference: Vector) -> None:
     """
     topology = model.connections
     nodes: Any = constant_views(model.sizes, model.constants).nodes
-    touches: Any = rest.touches
-    twists: Any = rest.twist
-    for c, cable in enumerate(model.robot.cables):
+    angle, basis, angular = rest.touches["angle"], rest.touches["basis"], rest.twist["angular"]
+    firsts, frames = topology.cables["first_node"].tolist(), topology.nodes["frame"]
+    for first, cable in zip(firsts, model.robot.cables, strict=True):
         if not cable.placed:
             continue
-        first = topology.cables[c].first_node
-        last = first + topology.cables[c].elements
+        last = first + len(cable.nodes) - 1
         inner = slice(first + 1, last)
-        nodes["arc_reference"][inner] = touches["angle"][inner]
+        nodes["arc_reference"][inner] = angle[inner]
         for index, end in ((first, cable.nodes[0]), (last, cable.nodes[-1])):
-            angular = twists["angular"][topology.nodes[index].frame]
-            turn = float(reference @ (angular @ touches["basis"][index, 6:9]))
+            turn = float(reference @ (angular[frames[index]] @ basis[index, 6:9]))
             nodes["turn_reference"][index] = turn
-            nodes["arc_reference"][index] = touches["angle"][index] + turn
+            nodes["arc_reference"][index] = angle[index] + turn
             nodes["lead"][index] = end.lead if isinstance(end, Winch) else 0.0
 
 
