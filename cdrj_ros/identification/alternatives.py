@@ -49,11 +49,9 @@ def sought(problem: Problem, paths: Collection[str]) -> Vector:
     for k, unknown in enumerate(problem.unknowns):
         if not paths or unknown.paths[0] not in paths:
             continue
-        points = []
-        for x in np.linspace(lower[k], upper[k], SOUGHT):
-            points.append(here.copy())
-            points[-1][k] = x
-        costs = [float(np.sum(found**2)) for found in problem.residuals_of(points)]
+        points = np.tile(here, (SOUGHT, 1))
+        points[:, k] = np.linspace(lower[k], upper[k], SOUGHT)
+        costs = [float(np.sum(found**2)) for found in problem.residuals_of([*points])]
         here = points[int(np.argmin(costs))]
     return here
 
@@ -135,7 +133,7 @@ class Misfit(NamedTuple):
 
 def _misfit(problem: Problem, coordinates: Vector, weights: Vector) -> Misfit:
     residuals = problem.residuals(coordinates)
-    priors = prior_residuals(problem, coordinates)
+    priors, _ = prior_residuals(problem, coordinates)
     residuals = residuals * np.sqrt(weights)
     trusted = independent_states(problem) * problem.least_variance
     return Misfit(

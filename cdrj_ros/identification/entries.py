@@ -12,7 +12,7 @@ from cdrj_ros.identification.alternatives import DrumFinding
 from cdrj_ros.identification.fit import Identification
 from cdrj_ros.robot.stated import (
     StatedNumbers,
-    independent_groups,
+    related,
     stated_numbers,
     with_covariance,
 )
@@ -172,8 +172,8 @@ def stated_lines(numbers: StatedNumbers) -> list[str]:
     if len(numbers.paths) <= COVARIANCE_LIMIT:
         return _lines(numbers, "  ")
     lines = ["  groups:"]
-    for group in independent_groups(numbers):
-        first, *rest = _lines(group, "      ")
+    for group in related(numbers.correlation):
+        first, *rest = _lines(numbers.part(group), "      ")
         lines += [f"    - {first.lstrip()}", *rest]
     return lines
 

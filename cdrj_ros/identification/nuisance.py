@@ -24,6 +24,7 @@ from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.description import Uncertainty
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.stated import related
 from cdrj_ros.robot.tolerances import within_range
 
 Cause = Mapping[str, float]
@@ -128,8 +129,8 @@ def nuisance_correlation(causes: Sequence[Cause], absorbed: Table, stddev: Vecto
     correlation = np.clip(roots @ roots.T, -1.0, 1.0)
     safe = np.where(stddev > 0.0, stddev, 1.0)
     with_fitted = np.clip((absorbed / safe[:, None]) @ roots.T, -1.0, 1.0)
-    groups = _related(range(len(paths)), correlation)
-    return Nuisance(paths, spread, correlation, with_fitted, tuple(map(tuple, groups)))
+    groups = tuple(map(tuple, related(correlation, NEGLIGIBLE)))
+    return Nuisance(paths, spread, correlation, with_fitted, groups)
 
 
 def _deviating(document: Document, source: str, cause: Cause, way: float) -> Model | None:
@@ -149,17 +150,3 @@ def _deviating(document: Document, source: str, cause: Cause, way: float) -> Mod
 def _same(path: str) -> str:
     """One name for the numbers that stand for each other: EA and the modulus of a cable."""
     return path.replace(".youngs_modulus", ".axial_stiffness")
-
-
-def _related(members: Sequence[int], correlation: Table) -> list[list[int]]:
-    """Members in groups, between which there is no correlation."""
-    from scipy.sparse.csgraph import connected_components
-
-    if not members:
-        return []
-    near = np.abs(correlation[np.ix_(members, members)]) > NEGLIGIBLE
-    count, label = connected_components(near, directed=False)
-    return [
-        [one for one, group in zip(members, label.tolist(), strict=True) if group == k]
-        for k in range(count)
-    ]

@@ -337,12 +337,13 @@ def noise_of(values: Vector) -> float:
     renewed = values[np.append(True, np.diff(values) != 0.0)]
     steps = np.abs(np.diff(renewed))
     count = float(steps.min(initial=np.inf))
-    white = _white(values)
+    white = white_noise(values)
     if steps.size and float(np.median(steps)) > SINGLE * count:
-        white = max(white, _white(renewed))
+        white = max(white, white_noise(renewed))
     return max(white, min(count, float(np.std(values))) / sqrt(12.0), 1e-9)
 
 
-def _white(values: Vector) -> float:
+def white_noise(values: Vector) -> float:
+    """Standard deviation of white noise on a smooth series, from its second differences."""
     bend = np.abs(np.diff(values, 2))
     return float(np.median(bend)) / 0.6745 / sqrt(6.0) if bend.size else 0.0

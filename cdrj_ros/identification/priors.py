@@ -29,7 +29,7 @@ from cdrj_ros.model.prepared import prepare
 from cdrj_ros.robot.couplings import own_joints
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.document import allowed_range
-from cdrj_ros.robot.parameters import find_number, with_numbers
+from cdrj_ros.robot.parameters import find_number, joint_range, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import HANDBOOK_REST, OTHER_BEND, SPRING_SCALE
 
@@ -154,9 +154,7 @@ def unknown_causes(
             low, high = allowed.lower, allowed.upper
             if low == 0.0:
                 low = number.value / LOG_REACH
-            if number.key == "reference_angle" and path.startswith("joints."):
-                ends = (f"{path.rsplit('.', 1)[0]}.range.{end}" for end in (1, 2))
-                low, high = (find_number(document, end).value for end in ends)
+            low, high = joint_range(document, path) or (low, high)
             reach = sorted(((low - number.value) / size, (high - number.value) / size))
             lower, upper = max(lower, reach[0]), min(upper, reach[1])
         values = tuple(number.value for number in numbers)

@@ -158,6 +158,12 @@ class Problem:
             [u.value(float(x)) for u, x in zip(self.unknowns, coordinates, strict=True)]
         )
 
+    def slopes(self, coordinates: Vector) -> Vector:
+        """Derivatives of the unknowns by their coordinates [SI]."""
+        return np.array(
+            [u.slope(float(x)) for u, x in zip(self.unknowns, coordinates, strict=True)]
+        )
+
     def model(self, coordinates: Vector) -> Model:
         """The estimator's model.
 

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from cdrj_ros.estimation.estimator import Samples
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.identification.observations import Channel, Observations, noise_of, samples_by
+from cdrj_ros.identification.observations import (
+    Channel,
+    Observations,
+    noise_of,
+    samples_by,
+    white_noise,
+)
 from cdrj_ros.identification.problem import Problem
 
 Labels = NDArray[np.int64]
@@ -163,7 +169,7 @@ def white_variance(problem: Problem, residuals: Vector) -> float:
     noise = 0.0
     for _, channel, part in by_channel(problem, residuals):
         if channel.scale is None:  # that of means is known, and too few show it
-            noise += part.size if channel.averaged else white_power(part)
+            noise += part.size * (1.0 if channel.averaged else white_noise(part) ** 2)
     return min(noise, whole) / size if size else 1.0
 
 
@@ -202,13 +208,6 @@ def by_channel(
         for channel in observed.channels:
             yield observed, channel, residuals[at : at + channel.reference.size]
             at += channel.reference.size
-
-
-def white_power(residuals: Vector) -> float:
-    """Sum of squares of white noise on a smooth series, from its second differences."""
-    if residuals.size < 3:
-        return 0.0
-    return float(np.median(np.diff(residuals, 2) ** 2)) / 0.4549 / 6.0 * residuals.size
 
 
 def _powers(parts: Sequence[Vector]) -> Vector:

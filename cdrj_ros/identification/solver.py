@@ -205,7 +205,7 @@ def _expected(problem: Problem, found: Minimum, step: Vector) -> float:
 def _cost(
     problem: Problem, here: Vector, residuals: Vector, weights: Vector, variance: float
 ) -> float:
-    priors = prior_residuals(problem, here)
+    priors, _ = prior_residuals(problem, here)
     return float(weights @ residuals**2) / variance + float(priors @ priors)
 
 
@@ -215,25 +215,16 @@ def limits(problem: Problem) -> tuple[Vector, Vector]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def prior_residuals(problem: Problem, here: Vector) -> Vector:
-    """Deviations from the priors [standard deviations], one for each number with a prior."""
-    return np.array(
-        [
-            (unknown.value(float(x)) - unknown.prior[0]) / unknown.prior[1]
-            for unknown, x in zip(problem.unknowns, here, strict=True)
-            if unknown.prior is not None
-        ]
-    )
+def prior_residuals(problem: Problem, here: Vector) -> tuple[Vector, Vector]:
+    """Deviations from the priors [standard deviations] and their slopes, 0 without a prior."""
+    mean, stddev = np.array([one.prior or (0.0, np.inf) for one in problem.unknowns]).T
+    return (problem.values(here) - mean) / stddev, problem.slopes(here) / stddev
 
 
 def prior_gradient(problem: Problem, here: Vector) -> Vector:
     """Gradient of the priors' half sum of squares, in coordinates, shape (p,)."""
-    found = np.zeros(here.size)
-    for k, (unknown, x) in enumerate(zip(problem.unknowns, here, strict=True)):
-        if unknown.prior is not None:
-            off = unknown.value(float(x)) - unknown.prior[0]
-            found[k] = unknown.slope(float(x)) * off / unknown.prior[1] ** 2
-    return found
+    off, slope = prior_residuals(problem, here)
+    return off * slope
 
 
 def prior_information(problem: Problem, here: Vector) -> Vector:
@@ -243,11 +234,7 @@ def prior_information(problem: Problem, here: Vector) -> Vector:
     only information about a number without influence on the data.
     """
     lower, upper = limits(problem)
-    known = 12.0 / (upper - lower) ** 2
-    for k, (unknown, x) in enumerate(zip(problem.unknowns, here, strict=True)):
-        if unknown.prior is not None:
-            known[k] = max(known[k], (unknown.slope(float(x)) / unknown.prior[1]) ** 2)
-    return known
+    return np.maximum(12.0 / (upper - lower) ** 2, prior_residuals(problem, here)[1] ** 2)
 
 
 def jacobian(problem: Problem, coordinates: Vector, *, central: bool = False) -> Table:

@@ -42,7 +42,7 @@ from cdrj_ros.identification.residual_statistics import (
 )
 from cdrj_ros.identification.solver import Minimum, limits, prior_gradient, prior_information
 from cdrj_ros.identification.unknowns import Unknown
-from cdrj_ros.robot.parameters import find_number
+from cdrj_ros.robot.parameters import joint_range
 
 
 class Accuracy(NamedTuple):
@@ -72,9 +72,7 @@ def accuracy(problem: Problem, found: Minimum) -> Accuracy:
     coordinates = found.coordinates
     causes = nuisance_causes(problem.begin.robot.uncertainty, problem.unknowns)
     covariance, absorbed, information, variance = _covariance(problem, causes, found)
-    slope = np.array(
-        [u.slope(float(x)) for u, x in zip(problem.unknowns, coordinates, strict=True)]
-    )
+    slope = problem.slopes(coordinates)
     in_coordinates = np.sqrt(np.diag(covariance))
     most = np.array([(u.upper - u.lower) / np.sqrt(12.0) for u in problem.unknowns])
     correlation = covariance / np.outer(in_coordinates, in_coordinates)
@@ -166,8 +164,7 @@ def findings(
         covariance: covariance in coordinates, shape (p, p).
     """
     unknowns = problem.unknowns
-    values = np.array([u.value(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
-    slopes = np.array([u.slope(float(x)) for u, x in zip(unknowns, coordinates, strict=True)])
+    values, slopes = problem.values(coordinates), problem.slopes(coordinates)
     size = np.maximum(np.abs(values), np.abs(slopes))  # the step's size where a number is near zero
     silent = without_influence(information)
     stddev = np.sqrt(np.diag(covariance))
@@ -226,13 +223,11 @@ def _at_bounds(problem: Problem, coordinates: Vector, silent: NDArray[np.bool_])
 
 def _wider(problem: Problem, unknown: Unknown, end: str) -> str:
     """What to do about a zero whose bound is the end of its joint's range in the robot file."""
-    joint, _, key = unknown.paths[0].rpartition(".")
-    if key != "reference_angle" or not joint.startswith("joints."):
-        return ""
-    place, bound = ("1", unknown.lower) if end == "lower" else ("2", unknown.upper)
-    if find_number(problem.document, f"{joint}.range.{place}").value != bound:
-        return ""
-    return f" This is the end of {joint}.range; widen it if the joint moves further."
+    span = joint_range(problem.document, unknown.paths[0])
+    at_end = span and (unknown.lower == span[0] if end == "lower" else unknown.upper == span[1])
+    joint = unknown.paths[0].rpartition(".")[0]
+    words = f" This is the end of {joint}.range; widen it if the joint moves further."
+    return words if at_end else ""
 
 
 def _pair(

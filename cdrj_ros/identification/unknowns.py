@@ -21,7 +21,7 @@ from cdrj_ros.foundation.errors import UsageError, nearest
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import motor_shares
 from cdrj_ros.robot.document import allowed_range
-from cdrj_ros.robot.parameters import find_number, matching_paths, split_outside
+from cdrj_ros.robot.parameters import find_number, joint_range, matching_paths, split_outside
 
 STEP_SHARE: Final = 0.2
 """Fraction of the number to which a coordinate step of 1 corresponds."""
@@ -226,19 +226,14 @@ def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...])
     lower, upper = allowed.lower, allowed.upper
     if -1 in signs:
         lower, upper = max(lower, -upper), min(upper, -lower)
-    if first.key == "reference_angle" and paths[0].startswith("joints."):
-        lower, upper = (
-            find_number(document, f"{paths[0].rsplit('.', 1)[0]}.range.1").value,
-            find_number(document, f"{paths[0].rsplit('.', 1)[0]}.range.2").value,
-        )
-        step = max(STEP_SHARE * abs(start), TYPICAL[first.key])
-        return Unknown(paths, signs, start, lower, upper, step)
+    step = max(STEP_SHARE * abs(start), TYPICAL.get(first.key, 1e-3))
+    if span := joint_range(document, paths[0]):
+        return Unknown(paths, signs, start, *span, step)
     positive = "exclusiveMinimum" in first.rules
     signless = first.key in ("slope", "sine", "scale", "effort_scale") and start != 0.0
     if (positive and start > 0.0) or signless:
         ends = sorted((start / LOG_REACH, start * LOG_REACH))
         return Unknown(paths, signs, start, max(ends[0], lower), min(ends[1], upper), 0.0)
-    step = max(STEP_SHARE * abs(start), TYPICAL.get(first.key, 1e-3))
     if lower == 0.0:
         upper = min(upper, max(LOG_REACH * abs(start), 100.0 * step))
     else:

@@ -116,6 +116,15 @@ def find_number(document: Document, path: str) -> Number:
     return number
 
 
+def joint_range(document: Document, path: str) -> tuple[float, float] | None:
+    """Ends of a joint's range at the path of its reference angle; None at any other path."""
+    joint, _, key = path.rpartition(".")
+    if key != "reference_angle" or not joint.startswith("joints."):
+        return None
+    lower, upper = (find_number(document, f"{joint}.range.{end}").value for end in (1, 2))
+    return lower, upper
+
+
 def _find(document: Document, path: str) -> Number:
     """The number at a path; its value is NaN if it is left out and has no default."""
     spot = parent = _Spot((), document, schema(), "")

@@ -62,12 +62,12 @@ def joined(parts: Sequence[StatedNumbers]) -> StatedNumbers:
     )
 
 
-def independent_groups(numbers: StatedNumbers) -> list[StatedNumbers]:
-    """The numbers in groups without any correlation between them."""
+def related(correlation: Table, negligible: float = 0.0) -> list[list[int]]:
+    """Indices of numbers in groups without any more correlation between them."""
     from scipy.sparse.csgraph import connected_components
 
-    count, label = connected_components(numbers.correlation != 0.0, directed=False)
-    return [numbers.part(np.flatnonzero(label == k).tolist()) for k in range(count)]
+    count, label = connected_components(np.abs(correlation) > negligible, directed=False)
+    return [np.flatnonzero(label == k).tolist() for k in range(count)]
 
 
 def stated_numbers(entry: Mapping[str, Any]) -> StatedNumbers:

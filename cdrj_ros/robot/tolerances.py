@@ -22,7 +22,7 @@ from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
 from cdrj_ros.robot.couplings import is_coupled, motor_shares
 from cdrj_ros.robot.description import Uncertainty, friction_law
-from cdrj_ros.robot.parameters import Number, find_number
+from cdrj_ros.robot.parameters import Number, find_number, joint_range
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
 
 ZERO_BY_EYE: Final = pi / 180.0
@@ -175,14 +175,12 @@ def within_range(document: Document, number: Number, changes: Vector) -> Vector:
         number: found in it.
         changes: added to it [SI], shape (n,).
     """
-    path, rules = number.path, number.rules
+    rules = number.rules
     values = number.value + changes
     values = np.clip(values, rules.get("minimum", -np.inf), rules.get("maximum", np.inf))
-    if path.startswith("joints.") and path.endswith(".reference_angle"):
-        base = path.rsplit(".", 1)[0]
-        lower, upper = (find_number(document, f"{base}.range.{end}").value for end in (1, 2))
-        outside = (values < lower) | (values > upper)
-        values = np.clip(np.where(outside, 2.0 * number.value - values, values), lower, upper)
+    if span := joint_range(document, number.path):
+        outside = (values < span[0]) | (values > span[1])
+        values = np.clip(np.where(outside, 2.0 * number.value - values, values), *span)
     beyond = (values <= rules.get("exclusiveMinimum", -np.inf)) | (
         values >= rules.get("exclusiveMaximum", np.inf)
     )
