@@ -26,9 +26,9 @@ from cdrj_ros.identification.observations import Recorded, noise_of, samples_of
 from cdrj_ros.identification.parts import PartFit, fit_parts, section_of
 from cdrj_ros.identification.poses import Readings, rest_poses, scale_readings
 from cdrj_ros.identification.problem import refuse_hidden
-from cdrj_ros.identification.unknowns import drum_radii
 from cdrj_ros.model.packing import EFFORT
 from cdrj_ros.model.prepared import Model, prepare
+from cdrj_ros.robot.couplings import drum_radii
 from cdrj_ros.robot.description import Robot, Uncertainty
 from cdrj_ros.robot.names import known_name
 from cdrj_ros.robot.parameters import find_number

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from itertools import repeat
 from math import exp, isfinite, log
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from cdrj_ros.foundation.errors import UsageError, nearest
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.couplings import motor_shares
+from cdrj_ros.robot.couplings import drum_radii
 from cdrj_ros.robot.document import allowed_range
 from cdrj_ros.robot.parameters import find_number, joint_range, matching_paths, split_outside
 
@@ -204,17 +204,6 @@ def _parse_item(document: Document, item: str) -> list[Unknown]:
 
 def _signed(member: str) -> tuple[str, int]:
     return (member[1:].strip(), -1) if member.startswith("-") else (member, 1)
-
-
-def drum_radii(document: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Paths of the radii of all drums of a robot file, by motor."""
-    by_motor: dict[str, list[str]] = {}
-    for cable in document["cables"]:
-        for k, node in enumerate(cable["nodes"]):
-            if node["type"] == "winch":
-                path = f"cables.{cable['name']}.nodes.{k + 1}.radius"
-                by_motor.setdefault(" and ".join(motor_shares(node)), []).append(path)
-    return by_motor
 
 
 def _unknown(document: Document, paths: tuple[str, ...], signs: tuple[int, ...]) -> Unknown:

@@ -17,7 +17,9 @@ section 4.  Where the robot file leaves that number open, ``divided`` chooses it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from math import ceil
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 
 from cdrj_ros._core import Stribeck
 from cdrj_ros.foundation.arrays import Vector
-from cdrj_ros.robot.description import Cable, FrictionLaw, Node, Pulley, Robot, friction_law
+from cdrj_ros.robot.description import Cable, FrictionLaw, Pulley, Robot, friction_law
 
 Numeric = TypeVar("Numeric", float, NDArray[np.float64])
 
@@ -177,18 +179,19 @@ def divided(robot: Robot, wrap: Vector) -> Robot:
     """
     if all(pulley.cells for cable in robot.cables for pulley in cable.pulleys):
         return robot
-    cables, first = [], 0
-    for cable in robot.cables:
-        own = wrap[first : first + len(cable.pulleys)]
-        first += len(cable.pulleys)
-        cells = [_cells(cable, *one) for one in zip(cable.pulleys, own, strict=True)]
-        inner = tuple(
-            replace(node, cells=count) for node, count in zip(cable.pulleys, cells, strict=True)
-        )
-        nodes: tuple[Node, ...] = (cable.nodes[0], *inner, cable.nodes[-1])
-        cables.append(replace(cable, nodes=nodes))
-    chosen = replace(robot, cables=tuple(cables))
+    chosen = with_pulleys(
+        robot, lambda cable, pulley, k: replace(pulley, cells=_cells(cable, pulley, wrap[k]))
+    )
     return replace(chosen, document=_stated(chosen)) if robot.document else chosen
+
+
+def with_pulleys(robot: Robot, change: Callable[[Cable, Pulley, int], Pulley]) -> Robot:
+    """The robot with changed pulleys; ``change`` also takes the cable and the pulley's index."""
+    cables, index = [], count()
+    for cable in robot.cables:
+        inner = (change(cable, pulley, next(index)) for pulley in cable.pulleys)
+        cables.append(replace(cable, nodes=(cable.nodes[0], *inner, cable.nodes[-1])))
+    return replace(robot, cables=tuple(cables))
 
 
 def _cells(cable: Cable, pulley: Pulley, wrap: float) -> int:

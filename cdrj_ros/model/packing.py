@@ -254,27 +254,24 @@ def layout_of(robot: Robot, topology: Indices) -> Layout:
 
 def channel_columns(layout: Layout) -> dict[str, int]:
     """Columns of tensions, nodal forces, motor and joint efforts in an estimate, by channel."""
-    return {
-        f"{prefix}/{name}": getattr(layout, part).start + k
-        for part, prefix, names in _channels(layout)
-        for k, name in enumerate(names)
-    }
+    return _by_channel(layout, vars(layout))
 
 
 def stddev_places(layout: Layout) -> dict[str, int]:
     """Places of the same channels among the standard deviations."""
-    return {
-        f"{prefix}/{name}": layout.stddev[part].start + k
-        for part, prefix, names in _channels(layout)
-        for k, name in enumerate(names)
-    }
+    return _by_channel(layout, layout.stddev)
 
 
-def _channels(layout: Layout) -> tuple[tuple[str, str, tuple[str, ...]], ...]:
-    """Parts of an estimate that are channels, with the prefix and the ends of their names."""
-    return (
+def _by_channel(layout: Layout, parts: Mapping[str, slice]) -> dict[str, int]:
+    """Place of every channel, whose parts are at these places."""
+    channels = (
         ("tension", TENSION, layout.elements),
         ("magnitude", NODAL_FORCE, layout.pulleys),
         ("motor_effort", EFFORT, layout.motors),
         ("joint_effort", EFFORT, layout.joints),
     )
+    return {
+        f"{prefix}/{name}": parts[part].start + k
+        for part, prefix, names in channels
+        for k, name in enumerate(names)
+    }

@@ -38,6 +38,17 @@ def motor_shares(winch: Document) -> dict[str, float]:
     return {given: 1.0} if isinstance(given, str) else {name: float(given[name]) for name in given}
 
 
+def drum_radii(document: Document) -> dict[str, dict[str, float]]:
+    """Radii of all drums of a robot file by path [m], by the motors that turn them."""
+    found: dict[str, dict[str, float]] = {}
+    for cable in document["cables"]:
+        for k, node in enumerate(cable["nodes"]):
+            if node["type"] == "winch":
+                path = f"cables.{cable['name']}.nodes.{k + 1}.radius"
+                found.setdefault(" and ".join(motor_shares(node)), {})[path] = node["radius"]
+    return found
+
+
 def own_joints(document: Document) -> list[Document]:
     """Entries of the joints that are not coupled to others."""
     return [entry for entry in document.get("joints", ()) if not is_coupled(entry)]

@@ -20,7 +20,7 @@ import numpy as np
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import RobotFileError
 from cdrj_ros.foundation.yaml import Document
-from cdrj_ros.robot.couplings import is_coupled, motor_shares
+from cdrj_ros.robot.couplings import drum_radii, is_coupled
 from cdrj_ros.robot.description import Uncertainty, friction_law
 from cdrj_ros.robot.parameters import Number, find_number, joint_range
 from cdrj_ros.robot.space_reader import has_bearing, is_spatial
@@ -364,17 +364,10 @@ def _position(path: str, entry: Mapping[str, Any], name: str) -> Iterator[Tolera
 
 def _drums(document: Document) -> Iterator[Tolerance]:
     """Drum radii by motor; the drums of one motor share their error (turned on one lathe)."""
-    by_motor: dict[str, Factor] = {}
-    for cable in document["cables"]:
-        for k, node in enumerate(cable["nodes"]):
-            if node["type"] == "winch":
-                path = f"cables.{cable['name']}.nodes.{k + 1}.radius"
-                shaft = " and ".join(motor_shares(node))
-                by_motor.setdefault(shaft, {})[path] = _drawn(node["radius"])
-    for motor, factor in by_motor.items():
+    for motor, radii in drum_radii(document).items():
         yield Tolerance(
             f"drum radius of motor {motor}", "wind in ten turns and measure the cable's length",
-            factor,
+            {path: _drawn(radius) for path, radius in radii.items()},
         )  # fmt: skip
 
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import UsageError
 from cdrj_ros.inspection.poses import pose_text
+from cdrj_ros.model.laws import with_pulleys
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Course, Model, course_of, poses_in_range, prepare
-from cdrj_ros.robot.description import Node, Pulley, Robot, Winch
+from cdrj_ros.robot.description import Pulley, Robot, Winch
 from cdrj_ros.simulation.faults import CableFault, Wiring, wire
 
 BATCH: Final = 1000
@@ -177,17 +178,8 @@ def divide_contacts(robot: Robot, cells: int) -> Robot:
     """
     count = sum(len(cable.pulleys) for cable in robot.cables)
     widths = cells_on_surfaces(robot, cells) if cells > 1 else np.zeros(count)
-    cables, first = [], 0
-    for cable in robot.cables:
-        nodes: list[Node] = []
-        for node in cable.nodes:
-            if isinstance(node, Pulley):
-                nodes.append(_divided(node, cells, float(widths[first])))
-                first += 1
-            else:
-                nodes.append(node)
-        cables.append(replace(cable, nodes=tuple(nodes)))
-    return replace(robot, cables=tuple(cables), residuals=())
+    fine = with_pulleys(robot, lambda _, pulley, k: _divided(pulley, cells, float(widths[k])))
+    return replace(fine, residuals=())
 
 
 def _divided(pulley: Pulley, cells: int, width: float) -> Pulley:

@@ -3,28 +3,13 @@
 import ast
 import re
 
-from support.places import ROOT
+from support.places import ROOT, ROS
 
 PACKAGE = ROOT / "cdrj_ros"
 ROW = re.compile(r"^\| `(\w+)(?:/|\.py)` \| (.+?) \| (.+?) \|$", re.MULTILINE)
 ROOMS = {name: (door, imports) for name, door, imports in ROW.findall(
     (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 )}  # fmt: skip
-
-ROS = (
-    "rclpy",
-    "cdrj_msgs",
-    "sensor_msgs",
-    "std_msgs",
-    "std_srvs",
-    "diagnostic_msgs",
-    "rosgraph_msgs",
-    "rcl_interfaces",
-    "builtin_interfaces",
-    "lifecycle_msgs",
-    "visualization_msgs",
-    "launch",
-)
 
 
 def may_import(room):

@@ -10,18 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from support.places import ROOT
+from support.places import ROOT, ROS
 
 import cdrj_ros
 
 COMMANDS = ("check_robot", "commission", "identify", "import_robot", "simulate", "validate", "view")
 NOT_SOURCES = (
     ".git", ".venv", "build", "install", "log", "test", "bench", "docs", "__pycache__", ".*_cache",
-)  # fmt: skip
-ROS = (
-    "rclpy", "rcl_interfaces", "builtin_interfaces", "cdrj_msgs", "diagnostic_msgs",
-    "rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "visualization_msgs",
-    "ament_index_python", "launch",
 )  # fmt: skip
 
 

@@ -20,3 +20,11 @@ def shipped_once(name):
     for part in document.get("parts", ()):
         del part["used"][1:]
     return parse_robot(yaml.safe_dump(document), str(path))
+
+
+ROS = (
+    "rclpy", "cdrj_msgs", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs",
+    "rosgraph_msgs", "rcl_interfaces", "builtin_interfaces", "lifecycle_msgs",
+    "visualization_msgs", "ament_index_python", "launch",
+)  # fmt: skip
+"""Modules of ROS, which the rooms but ``nodes`` do without."""
