@@ -100,9 +100,11 @@ def draw_robot(inspection: Inspection) -> Figure:
     if cut:
         said += "; long spans at the ends are cut off"
     figure.suptitle(printable(said), fontsize=FONT_SIZE, color=INK, parse_math=False, wrap=True)
+    handles = _legend(robot)
+    column = FONT_SIZE * (4.0 + 0.6 * max(len(str(one.get_label())) for one in handles))
     legend = figure.legend(
-        handles=_legend(robot), loc="outside lower center", ncols=6, frameon=False,
-        fontsize=FONT_SIZE - 1, labelcolor=MUTED,
+        handles=handles, loc="outside lower center", ncols=max(1, min(6, int(width / column))),
+        frameon=False, fontsize=FONT_SIZE - 1, labelcolor=MUTED,
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)

@@ -70,6 +70,17 @@ def test_a_robot_of_both_kinds_shows_both():
     assert {"by_spans", "by_positions"} <= set(texts(figure))
 
 
+@pytest.mark.parametrize("name", ["flexor", "left_shoulder_flexor"])
+def test_the_legend_of_a_narrow_robot_lies_within_the_picture(name, tmp_path):
+    text = MIXED.replace("by_positions", name).replace("[1, 0]}", "[0.3, 2]}")
+    figure = draw_robot(inspect_robot(prepare(parse_robot(text))))
+    figure.savefig(tmp_path / "robot.png")
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.x1
+
+
 def test_many_cables_have_the_colours_and_the_legend_of_their_parts():
     figure = draw_robot(inspect_robot(load_model("hand")))
     (legend,) = figure.legends
