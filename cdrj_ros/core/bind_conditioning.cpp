@@ -250,11 +250,13 @@ void bind_conditioner(nb::module_& core) {
         "Gates and time line of one robot.")
         .def(
             "__init__",
-            [](Conditioner* self, std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns) {
-                new (self) Conditioner(std::move(axes), motors, predict, horizon_ns);
+            [](Conditioner* self, std::vector<Axis> axes, std::size_t motors,
+               std::vector<std::vector<std::size_t>> cables, bool predict, Nanoseconds horizon_ns) {
+                new (self) Conditioner(
+                    std::move(axes), motors, std::move(cables), predict, horizon_ns);
             },
-            "axes"_a, "motors"_a, "predict"_a, "horizon_ns"_a,
-            "Start without readings.")
+            "axes"_a, "motors"_a, "cables"_a, "predict"_a, "horizon_ns"_a,
+            "Start without readings; ``cables``: the axes of every cable.")
         .def("feed", &feed, "topic"_a.noconvert(), "stamp_ns"_a, "names"_a, "positions"_a,
              "arrival_ns"_a = NEVER_NS, "by_arrival"_a = false,
             "Take a message; returns the fields of every ``Sample`` that is now complete.")
@@ -293,6 +295,15 @@ void bind_conditioner(nb::module_& core) {
         .def_prop_ro("unheard", [](const Conditioner& c) {
             return names_where(c, [](const Channel& channel) { return channel.last_ns < 0; });
         })
+        .def_prop_ro("silent", [](const Conditioner& c) {
+            ByName<Nanoseconds> found;
+            for (std::size_t k = 0; k < c.axes().size(); ++k) {
+                if (c.time_line().awaits(k)) continue;
+                found[c.axes()[k].name.c_str()] = c.channels()[k].lag.silent_ns;
+            }
+            return found;
+        },
+            "How long axes for which the others no longer wait have not been read [ns], by name.")
         .def_prop_ro("ahead", [](const Conditioner& c) {
             return by_name<Nanoseconds>(c, [](const Channel& channel) -> nb::object {
                 if (!channel.ahead_ns) return nb::none();

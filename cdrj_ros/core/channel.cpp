@@ -9,6 +9,7 @@ namespace cdrj {
 namespace {
 
 constexpr Nanoseconds LATE_INTERVALS = 3;  // a gap is longer than so many usual intervals
+constexpr Nanoseconds AWAITED_NS = 250'000'000;  // half of a node's default timeout, so that none is STALE for it
 constexpr Nanoseconds REGULAR = 2;         // regular intervals differ by less than this factor
 constexpr Nanoseconds SPEED_WINDOW_NS = 20'000'000;     // the velocity is averaged over this time
 constexpr Nanoseconds SHORTEST_WINDOW_NS = 10'000'000;  // and not over less where readings are lost
@@ -56,6 +57,9 @@ double level(double value) {
 void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
     if (others_.size() <= axis) others_.resize(axis + 1);
     Other& other = others_[axis];
+    const bool has_gap = stamp_ns - other.newest_ns > MAX_GAP_NS;  // or another time, or no reading so far
+    if (has_gap) other.heard_ns = stamp_ns - std::max<Nanoseconds>(other.newest_ns - other.heard_ns, 0);
+    silent_ns = std::max(silent_ns, stamp_ns - other.heard_ns);
     other.newest_ns = stamp_ns;
     other.is_new = true;
     if (last_ns_ < 0) return;
@@ -99,7 +103,7 @@ void Lag::take(Nanoseconds stamp_ns) {
     }
     begin_ns_ = stamp_ns;
     least_ns_ = EVER_NS;
-    for (Other& other : others_) other = {other.newest_ns};
+    for (Other& other : others_) other = {other.newest_ns, other.heard_ns};
     count_ = 0;
 }
 
@@ -111,6 +115,11 @@ void Arrivals::take(Nanoseconds arrival_ns) {
     if (before_ns < 0) return;
     const double difference = std::abs(interval_ns - before_ns) * 1e-9;
     uneven_ = std::max(difference, uneven_ * std::exp(-interval_ns * 1e-9 / UNEVEN_FADES));
+}
+
+void Lag::hear() {
+    silent_ns = 0;
+    for (Other& other : others_) other.heard_ns = other.newest_ns;
 }
 
 double Arrivals::stddev() const {
@@ -192,6 +201,10 @@ Cause Channel::complaint(const Axis& axis, Raw raw) const {
 
 Nanoseconds Channel::restart_ns() const {
     return usual_ns > 0 ? std::max(WITHIN_NS, LATE_INTERVALS * usual_ns) : MAX_GAP_NS;
+}
+
+Nanoseconds Channel::awaited_ns() const {
+    return usual_ns > 0 ? std::max(AWAITED_NS, LATE_INTERVALS * usual_ns) : MAX_GAP_NS;
 }
 
 Nanoseconds Channel::patience_ns() const {

@@ -38,6 +38,7 @@ struct Reading {
     double curvature;  // since the reading before, see `Motion::curvature` [rad/ns^2]
     Offset offset;
     bool after_gap;    // whether none came for so long before it that a driver may have started anew
+    bool unread = false;  // whether nothing is known of the axis between the reading before and this one
 };
 
 /// An angle as extrapolated from a reading on, to be compared with a later one.
@@ -78,6 +79,7 @@ struct Lag {
     Nanoseconds lag_ns = 0;  // in the last complete window, or less since; in the first one so far
     double growth = 0.0;     // of the lag since the first window, per time
     Nanoseconds most_ns = 0;  // by how much the axis's clock may be behind others, D of (C10)
+    Nanoseconds silent_ns = 0;  // by how much another axis has gone on since its last reading, by own stamps
     bool apart = false;       // whether another axis is in other messages
 
     /// Takes the stamp of a reading of another axis.
@@ -86,10 +88,14 @@ struct Lag {
     /// Takes the stamp of a reading of this axis.
     void take(Nanoseconds stamp_ns);
 
+    /// Notes that a reading of this axis is accepted.
+    void hear();
+
 private:
     /// Another axis.
     struct Other {
         Nanoseconds newest_ns = -1;       // its newest stamp
+        Nanoseconds heard_ns = -1;        // that stamp when this axis was heard, as if it had had no gap since
         bool is_new = false;              // whether it has arrived since the last reading of this axis
         // In the window in progress:
         Nanoseconds least_ns = EVER_NS;  // from a stamp of this axis to its next one
@@ -143,6 +149,9 @@ public:
 
     /// Longest interval between readings in which a driver has not started anew.
     Nanoseconds restart_ns() const;
+
+    /// Longest silence in which other axes wait for this one.
+    Nanoseconds awaited_ns() const;
 
     /// Whether the next reading is that of a driver that counts from where its axis stands: zero after a gap.
     bool counts_anew(const Axis& axis, Raw raw, double angle) const {
@@ -247,6 +256,8 @@ public:
     bool alone = false;           // whether there is only the first reading
     bool counted = false;         // whether a change was no multiple of a count in degrees, (C15)
     bool lost_way = false;        // whether the motion up to the next reading is unknown
+    bool was_away = false;        // whether the time line has passed a reading after a gap since the last sample
+    std::int64_t message = 0;     // the number of the last message that had it
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 
 private:

@@ -7,8 +7,9 @@
 
 namespace cdrj {
 Conditioner::Conditioner(
-    std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns)
-    : axes_(std::move(axes)), motors_(motors), time_line_(predict, horizon_ns) {
+    std::vector<Axis> axes, std::size_t motors, std::vector<std::vector<std::size_t>> cables,
+    bool predict, Nanoseconds horizon_ns)
+    : axes_(std::move(axes)), motors_(motors), time_line_(std::move(cables), predict, horizon_ns) {
     for (std::size_t k = 0; k < axes_.size(); ++k) index_.emplace(axes_[k].name, k);
     take_refused();
     begin();
@@ -44,6 +45,7 @@ std::vector<Sample> Conditioner::take(
     }
     stamp_ns = std::min(stamp_ns, 2 * END_OF_TIME_NS);  // an offset can be added to that
     bool news = false;
+    ++messages_;
     for (std::size_t i = 0; i < targets.size(); ++i) {
         if (targets[i] == ELSEWHERE) {
             ++elsewhere;
@@ -69,6 +71,7 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arr
     const Axis& axis = axes_[k];
     Channel& channel = channels_[k];
     const Raw raw{stamp_ns + axis.clock_offset_ns, reading};
+    channel.message = messages_;
     if (arrival.at_ns >= 0) channel.ahead_ns = raw.stamp_ns - arrival.at_ns;
     Cause cause = Cause::none;
     if (!std::isfinite(reading)) {
@@ -140,6 +143,7 @@ bool Conditioner::judge(std::size_t k, Raw raw) {
 void Conditioner::append(std::size_t k, Raw raw, Nanoseconds since_ns, bool off) {
     Channel& channel = channels_[k];
     const Unwrapped unwrapped = channel.unwrap(axes_[k], raw.reading);
+    channel.lag.hear();
     if (channel.counts_anew(axes_[k], raw, unwrapped.angle)) {
         channel.steps.step_by(unwrapped.angle - channel.last, axes_[k].worth);
         ++steps;
@@ -258,9 +262,9 @@ bool Conditioner::hold(std::size_t k, Raw raw) {
     const std::vector<Raw> confirmed = std::exchange(channel.held, {});
     if (regular) return append_held(k, confirmed);
     ++gaps;
-    time_line_.skip_to(confirmed.front().stamp_ns);  // the motion during the gap is unknown
     const bool used = append_held(k, std::span(confirmed).first(1));
     if (used && time_line_.has_begun()) {
+        channel.readings.back().unread = true;
         // an axis that stands where it stood is taken to have rested
         channel.readings.back().curvature = 0.0;
     }
@@ -342,6 +346,7 @@ void Conditioner::recall(std::span<const double> numbers, std::span<const double
 void Conditioner::expect(std::span<const double> angles, Nanoseconds stamp_ns) {
     time_line_.resume(stamp_ns);
     for (std::size_t k = 0; k < channels_.size(); ++k) {
+        if (std::isnan(angles[k])) continue;  // it was never read
         channels_[k].near = angles[k];
         channels_[k].motion.take(stamp_ns, angles[k]);
     }

@@ -38,9 +38,11 @@ public:
 
     /// axes: of all motors, then all joints, in the robot's order.
     /// motors: how many of them are motors.
+    /// cables: the axes of every cable, see `TimeLine`.
     /// predict: whether lagging channels are extrapolated, by up to `horizon_ns`.
     Conditioner(
-        std::vector<Axis> axes, std::size_t motors, bool predict, Nanoseconds horizon_ns);
+        std::vector<Axis> axes, std::size_t motors, std::vector<std::vector<std::size_t>> cables,
+        bool predict, Nanoseconds horizon_ns);
     Conditioner(const Conditioner&) = delete;  // recordings refer to it
     Conditioner& operator=(const Conditioner&) = delete;
 
@@ -118,6 +120,7 @@ private:
     std::array<std::int64_t, CAUSES> refused_{};
     std::vector<Sizes> sizes_;     // see `take_refused`
     std::vector<Target> targets_;  // of the message that is being taken
+    std::int64_t messages_ = 0;    // its number
 };
 
 /// The angles that readings of an axis mean, whether or not they are acceptable.

@@ -110,7 +110,7 @@ Ensemble::Ensemble(
     memory.turn_angles.resize(axes * TURNS * axes);
     memory.sudden_stamps.resize(robot_.topology.sizes.elements);
     for (std::vector<double>* one :
-         {&memory.angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &small_,
+         {&memory.angle, &memory.known_angle, &memory.unseen, &angle_before_, &angle_, &unseen_, &midway_, &small_,
           &errors_, &reading_}) {
         one->resize(axes);
     }
@@ -205,6 +205,11 @@ void Ensemble::begin(const SampleView& sample, std::span<const double> estimate)
         for (const Walk* one : {&parts_, &at_once_, &in_turn_}) walk(*one, before);
     }
     std::ranges::copy(angle_, memory.angle.begin());
+    for (std::size_t a = 0; a < axes(); ++a) {
+        const auto& own = robot_.topology.paths->cables_of_axis[a];
+        const auto is_known = [&](Index c) { return memory.unsolved[c] < UNREAD_AXIS; };
+        if (!std::isnan(angle_[a]) && std::ranges::all_of(own, is_known)) memory.known_angle[a] = angle_[a];
+    }
     std::ranges::copy(unseen_, memory.unseen.begin());
 }
 
@@ -242,6 +247,7 @@ void Ensemble::count_intervals() {
 /// Remember the sample before, where an axis has turned since.
 void Ensemble::note_turns(Nanoseconds before) {
     for (std::size_t a = 0; a < axes(); ++a) {
+        if (std::isnan(angle_[a])) continue;
         double &heading = memory.heading[a], &furthest = memory.furthest[a];
         if (heading == 0.0) {
             heading = 1.0;
@@ -266,6 +272,7 @@ void Ensemble::note_turns(Nanoseconds before) {
 bool Ensemble::has_turned(Index axis) const {
     const double back = std::abs(angle_[axis] - memory.furthest[axis]);
     return std::ranges::any_of(robot_.topology.paths->cables_of_axis[axis], [&](Index c) {
+        if (is_invalid(estimate_, c)) return false;
         const UncertainOutput& tension = quantities[tensions_of(c).first];
         const double most = std::max(estimate_[tension.index], tension.slack);
         const auto& gains = draws.gains[tensions_of(c).first];
@@ -284,7 +291,7 @@ void Ensemble::choose(Nanoseconds before) {
     for (Index c = 0; c < cables(); ++c) {
         walked_[c] = 0;
         Walk* const chosen = walk_of(c, before);
-        memory.unsolved[c] = is_invalid(estimate_, c);
+        note_unsolved(c);
         if (chosen == nullptr) continue;
         walked_[c] = 1;
         chosen->cables.push_back(c);
@@ -359,9 +366,38 @@ bool Ensemble::is_unknown(Index c, double way, Nanoseconds before) const {
     const double preload = robot_.constants.cables[c].preload;
     if (way > std::max({preload, estimate_[tension.index], tension.slack})) return true;
     const bool gap = before >= 0 && memory.progress.last_stamp - before > GAP_NS;
+    const bool unread = memory.unsolved[c] == UNREAD_AXIS && is_read(c);
+    if (memory.unsolved[c] == MOVED_UNREAD && is_read(c)) return true;
+    if ((gap || unread) && has_moved(c)) return true;
+    return std::ranges::any_of(
+        robot_.topology.paths->of_cable[c].axes, [&](Index a) { return midway_[a] == INFINITE; });
+}
+
+/// Whether all axes of a cable are read.
+bool Ensemble::is_read(Index c) const {
+    const Sizes& sizes = robot_.topology.sizes;
+    const std::span<const double> angles(angle_);
+    return cdrj::is_read(
+        robot_.topology, c, {angles.first(sizes.motors), angles.last(sizes.joints), 0.0});
+}
+
+/// Whether an axis of a cable has moved since all were known.
+bool Ensemble::has_moved(Index c) const {
     return std::ranges::any_of(robot_.topology.paths->of_cable[c].axes, [&](Index a) {
-        return midway_[a] == INFINITE || (gap && std::abs(angle_[a] - angle_before_[a]) > MOVED);
+        return std::abs(angle_[a] - memory.known_angle[a]) > MOVED;
     });
+}
+
+/// Note whether a cable is solved in this sample, or why it is not.
+void Ensemble::note_unsolved(Index c) {
+    Index& unsolved = memory.unsolved[c];
+    if (!is_invalid(estimate_, c)) {
+        unsolved = SOLVED;
+    } else if (is_read(c)) {
+        unsolved = FAILED;
+    } else {
+        unsolved = unsolved == MOVED_UNREAD || has_moved(c) ? MOVED_UNREAD : UNREAD_AXIS;
+    }
 }
 
 bool Ensemble::is_due(Nanoseconds stamp) const {

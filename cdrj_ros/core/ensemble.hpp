@@ -77,6 +77,14 @@ struct Draws {
 /// Turning points that are remembered of every axis: more are noise.
 inline constexpr std::size_t TURNS = 2;
 
+/// Why a cable was not solved.
+enum Unsolved : Index {
+    SOLVED = 0,
+    FAILED = 1,
+    UNREAD_AXIS = 2,  // an axis of it was not read
+    MOVED_UNREAD = 3,  // and another one has moved meanwhile
+};
+
 /// How far an ensemble has come. Every field takes 8 bytes: Python reads it as an array.
 struct Progress {
     Index updates = 0;             // of members in turn, since they were last started
@@ -88,8 +96,9 @@ struct Progress {
 struct EnsembleMemory {
     std::vector<Nanoseconds> stamps;  // of the last update, by members and cables
     Progress progress;
-    std::vector<Index> unsolved;      // 1 for every cable that was not solved in the last sample
-    std::vector<double> angle;        // of all axes at the last sample [rad]
+    std::vector<Index> unsolved;      // `Unsolved` of every cable in the last sample
+    std::vector<double> angle;        // of all axes at the last sample [rad]; NaN where it was unknown
+    std::vector<double> known_angle;  // of all axes when they, and all axes of their cables, were last read [rad]
     std::vector<double> unseen;       // standard deviations of these angles [rad]
     std::vector<double> least_variance;  // of every quantity, where more is open than members show, (U15)
     // of every axis, beginnings and ends of intervals without readings so far; odd during one
@@ -224,6 +233,9 @@ private:
     void choose(Nanoseconds before);
     Walk* walk_of(Index cable, Nanoseconds before);
     bool is_unknown(Index cable, double way, Nanoseconds before) const;
+    bool is_read(Index cable) const;
+    bool has_moved(Index cable) const;
+    void note_unsolved(Index cable);
     bool slips_on(Index cable, double way, Nanoseconds before) const;
     void walk(const Walk& walk, Nanoseconds before);
     bool takes_part(Index member, Nanoseconds before) const;

@@ -88,7 +88,8 @@ void Ensemble::bound_errors() {
         const auto [first, beyond] = tensions_of(c);
         unread_[c] = 0.0;
         for (const auto& [axis, gain] : draws.gains[first]) unread_[c] += BOUNDS * gain * unseen_[axis];
-        if (memory.unsolved[c] != 0) continue;
+        if (memory.unsolved[c] >= UNREAD_AXIS) unread_[c] = INFINITE;
+        if (memory.unsolved[c] != SOLVED) continue;
         double& mean = mean_tensions_[c] = 0.0;
         for (Index e = first; e < beyond; ++e) mean += draws.length_share[e] * estimate_[e];
     }

@@ -130,7 +130,7 @@ bool Lags::note_speeds(double now, std::span<const double> angles) {
     for (std::size_t a = 0; a < axes_; ++a) {
         const double speed = std::abs(angles[a] - motion_.mean(memory, 1, a)) / since;
         double& fastest = numbers[2 * axes_ + a];
-        if (speed <= fastest) continue;
+        if (!(speed > fastest)) continue;  // nor where an axis was not read
         fastest = MORE * speed;
         faster = true;
     }

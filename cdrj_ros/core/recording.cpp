@@ -60,14 +60,25 @@ std::vector<Samples> condition(
     Conditioner& conditioner, std::span<const Series> series, const std::function<void()>& pause) {
     std::vector<Samples> segments(1);
     std::vector<std::size_t> taken(series.size(), 0);
+    std::vector<Conditioner::Target> targets;
+    std::vector<double> values;
     for (std::size_t done = 0, s = 0; (s = next(series, taken)) < series.size(); ++done) {
         if (done % BETWEEN_PAUSES == 0) pause();
         const Series& one = series[s];
-        const std::size_t i = taken[s]++;
+        const Nanoseconds stamp_ns = one.stamp_ns[taken[s]], arrival_ns = one.arrival_ns[taken[s]];
+        targets.clear();
+        values.clear();
+        for (std::size_t other = s; other < series.size(); ++other) {  // those of one message
+            const Series& its = series[other];
+            for (std::size_t& i = taken[other]; i < its.stamp_ns.size(); ++i) {
+                if (its.stamp_ns[i] != stamp_ns || its.arrival_ns[i] != arrival_ns) break;
+                targets.push_back(its.target);
+                values.push_back(its.value[i]);
+            }
+        }
         const std::int64_t jumps = conditioner.clock_jumps;
-        const std::vector<Sample> samples = conditioner.take(
-            one.stamp_ns[i], std::span(&one.target, 1), one.value.subspan(i, 1),
-            {one.arrival_ns[i], one.by_arrival});
+        const std::vector<Sample> samples =
+            conditioner.take(stamp_ns, targets, values, {arrival_ns, one.by_arrival});
         if (conditioner.clock_jumps != jumps) segments.emplace_back();
         for (const Sample& sample : samples) {
             append(segments.back(), sample, conditioner.motors());

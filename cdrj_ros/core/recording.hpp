@@ -33,8 +33,8 @@ struct Samples {
     std::vector<double> offset{};       // these, (len(offset_rows), 2, axes)
 };
 
-/// Feeds the readings of a recording to a conditioner, one by one in their order of arrival, at equal
-/// times those of the first series first; `pause` is called now and then.
+/// Feeds the readings of a recording to a conditioner in their order of arrival, those with one stamp and one
+/// arrival as one message, at equal times those of the first series first; `pause` is called now and then.
 ///
 /// Returns the samples that they complete: one segment, and a further one after every jump back.
 std::vector<Samples> condition(

@@ -20,6 +20,9 @@ inline constexpr double INFINITE = std::numeric_limits<double>::infinity();
 /// Every stamp of a message header is below this.
 inline constexpr Nanoseconds END_OF_TIME_NS = (Nanoseconds{1} << 31) * 1'000'000'000;
 
+/// The angle of an axis of which no reading tells it.
+inline constexpr double UNREAD = std::numeric_limits<double>::quiet_NaN();
+
 /// Longer than any interval.
 inline constexpr Nanoseconds EVER_NS = Nanoseconds{1} << 62;
 
@@ -87,7 +90,7 @@ struct Arrival {
 /// Angles of all motors, then all joints, at one time.
 struct Sample {
     Nanoseconds stamp_ns = 0;
-    std::vector<double> angle{};
+    std::vector<double> angle{};  // UNREAD of axes of which nothing is known
     // Standard deviations due to sparse readings: of every axis at the sample's time, then of every
     // axis midway between the sample before and this one; infinite where the motion between them is
     // unknown. Empty where all are zero.

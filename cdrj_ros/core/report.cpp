@@ -109,7 +109,8 @@ void report_efforts(Step& step, std::span<const Index> axes, const SampleAngles&
     const bool started = before.started[0] != 0.0;
     for (const Index a : axes) {
         const AxisConstants& axis = constants.axes[a];
-        const double angle = a < motors ? angles.motor[a] : angles.joint[a - motors];
+        const double read = a < motors ? angles.motor[a] : angles.joint[a - motors];
+        const double angle = std::isnan(read) ? before.angle[a] : read;
         const double turned = started ? angle - before.angle[a] : 0.0;
         const double most = axis.bearing_torque;
         double friction = before.bearing_friction[a] + axis.bearing_stiffness * turned;

@@ -227,7 +227,7 @@ bool move_cable(Step& step, Index c, std::span<const double> motor_angle, double
     return solved;
 }
 
-/// Keep the state of a cable whose path is impossible, and report no numbers.
+/// Keep the state of a cable whose path is impossible or unknown, and report no numbers.
 void keep_cable(Step& step, Index c) {
     auto& [topology, constants, before, after, estimate, work] = step;
     after.take_cable(topology, c, before);
@@ -282,9 +282,17 @@ bool Robot::shape(
     return possible;
 }
 
+bool is_read(const Topology& topology, Index c, const SampleAngles& angles) {
+    const Index motors = topology.sizes.motors;
+    return std::ranges::none_of(topology.paths->of_cable[c].axes, [&](Index a) {
+        return std::isnan(a < motors ? angles.motor[a] : angles.joint[a - motors]);
+    });
+}
+
 bool advance_cable(Step& step, Index c, const SampleAngles& angles) {
     auto& [topology, constants, before, after, estimate, work] = step;
-    if (!shape_cable(topology, constants, c, angles.motor, angles.joint, work)) {
+    if (!is_read(topology, c, angles) ||
+        !shape_cable(topology, constants, c, angles.motor, angles.joint, work)) {
         keep_cable(step, c);
         return false;
     }

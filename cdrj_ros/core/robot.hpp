@@ -36,8 +36,8 @@ public:
     /// the workspace, of `out_size` numbers, all zero at first. `dt`: time since the state [s]; 0 for the first sample or
     /// where it is unknown.
     ///
-    /// Returns false where the path of some cable is impossible (its state is then kept) or its fluxes
-    /// could not be solved; its elements are INVALID.
+    /// Returns false where the path of some cable is impossible, or an angle on it is unknown (NaN; its state is
+    /// then kept), or its fluxes could not be solved; its elements are INVALID.
     bool advance(
         const double* before, std::span<const double> motor_angle,
         std::span<const double> joint_angle, double dt, double* out) const;
@@ -88,6 +88,9 @@ struct SampleAngles {
     std::span<const double> joint;  // [rad], of prismatic joints [m]
     double dt;                      // [s]; 0 for the first sample or where it is unknown
 };
+
+/// Whether all angles on which a cable depends are known.
+bool is_read(const Topology& topology, Index cable, const SampleAngles& angles);
 
 /// Advance one cable, which depends on nothing but its path; the frames on it have been placed.
 ///

@@ -16,13 +16,20 @@ double way_between(double curvature, Nanoseconds interval_ns, double negligible)
     return way > negligible ? way : 0.0;
 }
 
-/// The angle at a stamp, linear between the readings around it. Drops those no later one needs.
+/// The angle at a stamp, linear between the readings around it; NaN where nothing is known of it. Drops
+/// readings that no later one needs.
 double interpolated(Channel& channel, Nanoseconds stamp_ns) {
     std::deque<Reading>& readings = channel.readings;
-    while (readings.size() > 1 && readings[1].stamp_ns <= stamp_ns) readings.pop_front();
+    while (readings.size() > 1 && readings[1].stamp_ns <= stamp_ns) {
+        readings.pop_front();
+        channel.was_away = channel.was_away || readings[0].after_gap;
+    }
+    if (readings.empty() || readings[0].stamp_ns > stamp_ns) return UNREAD;
     const Reading& before = readings[0];
     if (before.stamp_ns == stamp_ns) return before.angle;
+    if (readings.size() == 1) return UNREAD;
     const Reading& after = readings[1];
+    if (after.unread || after.curvature == INFINITE) return UNREAD;
     const double passed = static_cast<double>(stamp_ns - before.stamp_ns);
     const double whole = static_cast<double>(after.stamp_ns - before.stamp_ns);
     return before.angle + (after.angle - before.angle) * (passed / whole);
@@ -58,14 +65,16 @@ struct Unseen {
     }
 };
 
-/// `Sample::unseen` of an interpolated sample, (C3); infinite where nothing is known of an axis.
+/// `Sample::unseen` of an interpolated sample, (C3).
 std::vector<double> unseen_at(
     std::span<const Axis> axes,
     std::span<const Channel> channels,
-    Nanoseconds stamp_ns,
+    const Sample& sample,
     Nanoseconds previous_ns) {
+    const Nanoseconds stamp_ns = sample.stamp_ns;
     Unseen unseen{channels.size()};
     for (std::size_t k = 0; k < channels.size(); ++k) {
+        if (std::isnan(sample.angle[k])) continue;
         const Reading &before = channels[k].readings[0], &after = reached(channels[k], stamp_ns);
         if (after.curvature == 0.0) continue;
         const bool between = before.stamp_ns != stamp_ns;
@@ -83,9 +92,10 @@ std::vector<double> unseen_at(
 std::vector<double> unseen_before(
     std::span<const Axis> axes,
     std::span<const Channel> channels,
-    Nanoseconds stamp_ns,
+    const Sample& sample,
     Nanoseconds resumed_ns) {
-    std::vector<double> unseen = unseen_at(axes, channels, stamp_ns, stamp_ns);
+    const Nanoseconds stamp_ns = sample.stamp_ns;
+    std::vector<double> unseen = unseen_at(axes, channels, sample, stamp_ns);
     if (!(0 <= resumed_ns && resumed_ns < stamp_ns)) return unseen;
     const std::size_t n = channels.size();
     std::vector<double> ways(n);
@@ -102,10 +112,12 @@ std::vector<double> unseen_before(
 std::vector<double> unseen_ahead(
     std::span<const Axis> axes,
     std::span<const Channel> channels,
-    Nanoseconds stamp_ns,
+    const Sample& sample,
     Nanoseconds previous_ns) {
+    const Nanoseconds stamp_ns = sample.stamp_ns;
     Unseen unseen{channels.size()};
     for (std::size_t k = 0; k < channels.size(); ++k) {
+        if (std::isnan(sample.angle[k])) continue;
         const Channel& channel = channels[k];
         const Nanoseconds horizon_ns = stamp_ns - channel.last_ns;
         double deviation = 0.0, way = 0.0;
@@ -125,11 +137,8 @@ std::vector<double> unseen_ahead(
 void TimeLine::begin() {
     doubts_.clear();
     offset_.clear();
+    awaited_.clear();
     resumed_ns_ = passed_over_ns_ = given_out_ns_ = ahead_ns_ = ahead_from_ns_ = -1;
-}
-
-void TimeLine::skip_to(Nanoseconds stamp_ns) {
-    if (has_begun()) given_out_ns_ = std::max(given_out_ns_, stamp_ns - 1);
 }
 
 void TimeLine::begin_doubt(std::size_t channel, Nanoseconds after_ns) {
@@ -178,11 +187,9 @@ void TimeLine::take(
 
 std::vector<Sample> TimeLine::samples(Axes axes, Channels channels) {
     std::vector<Sample> found;
-    Nanoseconds until_ns = EVER_NS, newest_ns = -1;
-    for (const Channel& channel : channels) {
-        until_ns = std::min(until_ns, channel.last_ns);
-        newest_ns = std::max(newest_ns, channel.last_ns);
-    }
+    const Nanoseconds until_ns = await(channels);
+    Nanoseconds newest_ns = -1;
+    for (const Channel& channel : channels) newest_ns = std::max(newest_ns, channel.last_ns);
     if (until_ns < 0 || (until_ns <= given_out_ns_ && !predict_)) return found;
     interpolate(axes, channels, until_ns, found);
     if (predict_ && is_predictable(channels, newest_ns, until_ns)) {
@@ -192,14 +199,42 @@ std::vector<Sample> TimeLine::samples(Axes axes, Channels channels) {
     return found;
 }
 
-/// The next samples, up to the stamp that every channel has reached.
+/// Finds the channels that others wait for, and the stamp that all of these have reached; -1 if one has
+/// no reading.
+///
+/// All are awaited unless some cable can go on without those that are silent.
+Nanoseconds TimeLine::await(Channels channels) {
+    awaited_.clear();
+    for (const Channel& channel : channels) {
+        awaited_.push_back(channel.lag.silent_ns <= channel.awaited_ns());
+    }
+    const bool goes_on = std::ranges::any_of(cables_, [&](const auto& own) {
+        return std::ranges::all_of(
+            own, [&](std::size_t k) { return awaited_[k] && channels[k].last_ns >= 0; });
+    });
+    Nanoseconds until_ns = EVER_NS;
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        awaited_[k] = awaited_[k] || !goes_on;
+        if (awaited_[k]) until_ns = std::min(until_ns, channels[k].last_ns);
+    }
+    return until_ns;
+}
+
+/// Whether angles tell something of a cable.
+bool TimeLine::tells(std::span<const double> angle) const {
+    return std::ranges::any_of(cables_, [&](const auto& own) {
+        return std::ranges::none_of(own, [&](std::size_t k) { return std::isnan(angle[k]); });
+    });
+}
+
+/// The next samples, up to the stamp that every awaited channel has reached.
 void TimeLine::interpolate(
     Axes axes, Channels channels, Nanoseconds until_ns, std::vector<Sample>& to) {
     bool began = has_begun();
     Nanoseconds last_ns = std::max(given_out_ns_, passed_over_ns_);
-    if (!began) {  // the first sample is at the first stamp that every channel reaches
-        for (const Channel& channel : channels) {
-            last_ns = std::max(last_ns, channel.readings.front().stamp_ns - 1);
+    if (!began) {  // the first sample is at the first stamp that every awaited channel reaches
+        for (std::size_t k = 0; k < channels.size(); ++k) {
+            if (awaits(k)) last_ns = std::max(last_ns, channels[k].readings.front().stamp_ns - 1);
         }
     }
     while (last_ns < until_ns) {
@@ -214,21 +249,22 @@ void TimeLine::interpolate(
         bool curved = false;
         for (std::size_t k = 0; k < channels.size(); ++k) {
             sample.angle[k] = interpolated(channels[k], sample.stamp_ns);
+            if (std::isnan(sample.angle[k])) continue;
             const Reading& reading = reached(channels[k], sample.stamp_ns);
             curved = curved || reading.curvature != 0.0;
-            if (reading.after_gap) set(sample.after_gap, k, channels.size());
+            const bool was_away = std::exchange(channels[k].was_away, false);
+            if (reading.after_gap || was_away) set(sample.after_gap, k, channels.size());
         }
-        if (!began) {
-            sample.unseen = unseen_before(axes, channels, sample.stamp_ns, resumed_ns_);
-        } else if (curved) {
-            sample.unseen = unseen_at(axes, channels, sample.stamp_ns, last_ns);
-        }
-        last_ns = sample.stamp_ns;
-        const auto here = std::span(sample.unseen).first(sample.unseen.size() / 2);
-        if (std::find(here.begin(), here.end(), INFINITE) != here.end()) {
-            passed_over_ns_ = last_ns;  // nothing is known of an axis here
+        if (!tells(sample.angle)) {
+            passed_over_ns_ = last_ns = sample.stamp_ns;
             continue;
         }
+        if (!began) {
+            sample.unseen = unseen_before(axes, channels, sample, resumed_ns_);
+        } else if (curved) {
+            sample.unseen = unseen_at(axes, channels, sample, last_ns);
+        }
+        last_ns = sample.stamp_ns;
         tell_offsets(channels, sample);
         std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= last_ns; });
         sample.doubtful = doubtful_at(last_ns, channels);
@@ -244,6 +280,7 @@ void TimeLine::tell_offsets(Channels channels, Sample& sample) {
     bool changed = offset_.empty();
     offset_.resize(channels.size());
     for (std::size_t k = 0; k < channels.size(); ++k) {
+        if (std::isnan(sample.angle[k])) continue;
         const Offset offset = reached(channels[k], sample.stamp_ns).offset;
         changed = changed || offset != offset_[k];
         offset_[k] = offset;
@@ -258,20 +295,22 @@ bool TimeLine::is_predictable(
     Channels channels, Nanoseconds newest_ns, Nanoseconds until_ns) const {
     const Nanoseconds last_ns = std::max(given_out_ns_, ahead_ns_);
     if (!has_begun() || newest_ns <= last_ns || newest_ns > until_ns + horizon_ns_) return false;
-    return std::all_of(channels.begin(), channels.end(), [&](const Channel& channel) {
-        const bool lags = channel.last_ns < newest_ns;
-        return !lags || (channel.recent_ns() != 0 && channel.motion.windows > 0.0 &&
-                         channel.motion.knows(channel.usual_ns));
-    });
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        const Channel& channel = channels[k];
+        if (!awaits(k) || channel.last_ns == newest_ns) continue;
+        const bool moves = channel.recent_ns() != 0 && channel.motion.windows > 0.0;
+        if (!moves || !channel.motion.knows(channel.usual_ns)) return false;
+    }
+    return true;
 }
 
 /// The sample at the newest stamp, with lagging channels extrapolated.
 Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     Sample sample{.stamp_ns = stamp_ns, .angle = std::vector<double>(channels.size())};
     for (std::size_t k = 0; k < channels.size(); ++k) {
-        sample.angle[k] = extrapolated(axes[k], channels[k], stamp_ns);
+        sample.angle[k] = awaits(k) ? extrapolated(axes[k], channels[k], stamp_ns) : UNREAD;
     }
-    sample.unseen = unseen_ahead(axes, channels, stamp_ns, ahead_from_ns_);
+    sample.unseen = unseen_ahead(axes, channels, sample, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;
     sample.doubtful = doubtful_at(stamp_ns, channels);
     const bool undecided = std::ranges::any_of(channels, [](const Channel& channel) {
@@ -282,7 +321,8 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     return sample;
 }
 
-/// `Sample::doubtful`: with an axis that is stuck, those whose readings have not changed since then either.
+/// `Sample::doubtful`: with an axis that is stuck, those of its messages whose readings have not changed since
+/// then either.
 std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, Channels channels) const {
     std::vector<bool> found;
     for (const Doubt& doubt : doubts_) {
@@ -293,7 +333,7 @@ std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, Channels channels)
         if (!stuck.steps.repeats()) continue;
         for (std::size_t k = 0; k < channels.size(); ++k) {
             const bool still = channels[k].steps.still_since_ns() <= stuck.steps.repeated_since_ns();
-            if (still) set(found, k, channels.size());
+            if (still && channels[k].message == stuck.message) set(found, k, channels.size());
         }
     }
     return found;

@@ -38,9 +38,15 @@ bool Units::take(
     Nanoseconds stamp_ns, std::span<const double> angles, std::span<const double> tensions,
     std::span<const double> unread) {
     if (first_angle_.empty()) {
-        first_angle_.assign(angles.begin(), angles.end());
-        first_tension_.assign(tensions.begin(), tensions.end());
+        first_angle_.assign(angles.size(), UNREAD);
+        first_tension_.assign(tensions.size(), UNREAD);
         last_ns_ = stamp_ns;
+    }
+    for (std::size_t a = 0; a < angles.size(); ++a) {
+        if (std::isnan(first_angle_[a])) first_angle_[a] = angles[a];
+    }
+    for (std::size_t c = 0; c < tensions.size(); ++c) {
+        if (std::isnan(first_tension_[c]) && unread[c] < INFINITE) first_tension_[c] = tensions[c];
     }
     const Nanoseconds since_ns = std::max<Nanoseconds>(stamp_ns - last_ns_, 0);  // or a clock was set
     const double kept = std::exp(-since_ns * 1e-9 / MEMORY);
@@ -52,7 +58,7 @@ bool Units::take(
     for (std::size_t c = 0; c < cables_.size(); ++c) {
         Cable& cable = cables_[c];
         const double stretch = std::abs(tensions[c] - first_tension_[c]) - unread[c];
-        cable.stretch = std::max(kept * cable.stretch, stretch);
+        cable.stretch = std::max(kept * cable.stretch, stretch);  // that so far if it is not known
         doubt(cable);
     }
     before_.swap(errors);

@@ -212,6 +212,11 @@ def _worth(model: Model) -> list[float]:
     return [UNSURE_SHARE / one if one > 0.0 else np.inf for one in most]
 
 
+def _axes_of_cables(model: Model) -> list[list[int]]:
+    """The axes on which every cable depends, by index among motors, then joints."""
+    return [np.flatnonzero(model.touched[:, part.start]).tolist() for part in model.robot.parts]
+
+
 Mode = Literal["wait", "predict"]
 MODES: Final[tuple[Mode, ...]] = get_args(Mode)
 """How a lagging channel is handled: wait for it, or extrapolate it with its velocity meanwhile."""
@@ -237,7 +242,8 @@ class Conditioner(_core.Conditioner):
     was silent for too long), ``steps`` (of sensors: the readings moved further than the axis can,
     and stayed) and ``crowded`` (accepted readings that waited too long for another channel).
     ``held`` readings wait until it is known whether the clock has jumped, ``unheard`` are the names
-    without an accepted reading since the last reset, ``ahead`` has the stamp of the last reading of
+    without an accepted reading since the last reset, ``silent`` has the time since the last one of
+    axes for which others no longer wait [ns], ``ahead`` has the stamp of the last reading of
     every axis less its time of arrival [ns], ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
     between two motions or contradict each other, ``stuck`` those that repeat an old reading with
@@ -256,9 +262,12 @@ class Conditioner(_core.Conditioner):
         """
         if mode not in MODES:
             raise UsageError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
-        self._robot, self.worth = robot.as_read, worth_of(robot)
+        model = None if robot.unmeasured else prepare(robot, check_range=False)
+        self._robot = robot.as_read
+        self.worth = [0.0] * len(self._robot.axes) if model is None else _worth(model)
         axes = axes_of(self._robot, tracking, self.worth)
-        super().__init__(axes, len(robot.motors), mode == "predict", HORIZON_NS)
+        cables = [list(range(len(axes)))] if model is None else _axes_of_cables(model)
+        super().__init__(axes, len(robot.motors), cables, mode == "predict", HORIZON_NS)
 
     def memory(self) -> dict[str, Vector]:
         """Values that outlast a restart, for ``recall``: motion so far and the sensors' steps."""
@@ -279,7 +288,7 @@ class Conditioner(_core.Conditioner):
             stamp_ns: of that sample [ns].
         """
         robot = self._robot
-        if angles.shape == (len(robot.motors) + len(robot.joints),) and np.isfinite(angles).all():
+        if angles.shape == (len(robot.motors) + len(robot.joints),) and not np.isinf(angles).any():
             self.continue_from(angles, stamp_ns)
 
     def set_tracking(self, tracking: float | None) -> None:

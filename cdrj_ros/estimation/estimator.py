@@ -8,7 +8,7 @@ joints, brought to one time.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
-from cdrj_ros.model.packing import Layout, channel_columns, stddev_places
+from cdrj_ros.model.packing import INVALID, STALE, Layout, channel_columns, stddev_places
 from cdrj_ros.model.prepared import Model
+from cdrj_ros.robot.description import Robot
 
 ALL_SEEN: Vector = _core.ALL_SEEN
 """``Sample.unseen`` where every axis was read often enough: all deviations are zero."""
@@ -42,9 +43,9 @@ class Sample(NamedTuple):
     stamp_ns: int
     """Time since the clock's epoch [ns]."""
     motor_angle: Vector
-    """[rad], shape (motors,), in the robot's order."""
+    """[rad], shape (motors,), in the robot's order; NaN where nothing is known of it."""
     joint_angle: Vector
-    """[rad], shape (joints,), in the robot's order."""
+    """[rad], shape (joints,), likewise."""
     unseen: Vector = ALL_SEEN
     """Standard deviations due to sparse readings, of motors, then joints [rad], shape (2, axes).
 
@@ -70,6 +71,20 @@ class Sample(NamedTuple):
     silent: bool = False
     """Whether its estimate is not given out, because a predicted sample was at least as late."""
 
+    @property
+    def angles(self) -> Vector:
+        """Of motors, then joints, shape (axes,)."""
+        return np.concatenate([self.motor_angle, self.joint_angle])
+
+    def known_since(self, before: Sample | None) -> Sample:
+        """The sample with the angles of an earlier one where nothing is known of them now."""
+        if before is None or not np.isnan(self.angles).any():
+            return self
+        return self._replace(
+            motor_angle=np.where(np.isnan(self.motor_angle), before.motor_angle, self.motor_angle),
+            joint_angle=np.where(np.isnan(self.joint_angle), before.joint_angle, self.joint_angle),
+        )
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -78,9 +93,9 @@ class Samples:
     stamp_ns: NDArray[np.int64]
     """Increasing [ns], shape (n,)."""
     motor_angle: NDArray[np.float64]
-    """[rad], shape (n, motors)."""
+    """[rad], shape (n, motors); NaN where nothing is known of it."""
     joint_angle: NDArray[np.float64]
-    """[rad], shape (n, joints)."""
+    """[rad], shape (n, joints), likewise."""
     unseen: NDArray[np.float64] = field(default_factory=lambda: ALL_SEEN_OVER_TIME)
     """As ``Sample.unseen``, shape (n, 2, axes); (0, 0, 0) where all are zero."""
     doubtful: NDArray[np.bool_] = field(default_factory=lambda: NO_DOUBTS)
@@ -91,6 +106,27 @@ class Samples:
     """The samples at which the offsets' standard deviations change, increasing, shape (k,)."""
     offset: NDArray[np.float64] = field(default_factory=lambda: NO_OFFSETS)
     """As ``Sample.offset`` of these, shape (k, 2, axes)."""
+
+    @property
+    def unread(self) -> NDArray[np.bool_]:
+        """Whether nothing is known of an angle, of motors, then joints, shape (n, axes)."""
+        return np.isnan(np.hstack([self.motor_angle, self.joint_angle]))
+
+    def whole(self) -> Samples:
+        """The stamps and angles of those in which all angles are known; all of these if each is."""
+        whole = ~self.unread.any(axis=1)
+        if whole.all():
+            return self
+        return Samples(self.stamp_ns[whole], self.motor_angle[whole], self.joint_angle[whole])
+
+    def filled(self, robot: Robot) -> Samples:
+        """The samples with the last known angles where one is unknown, or else the references."""
+        if not self.unread.any():
+            return self
+        angles = np.hstack([self.motor_angle, self.joint_angle])
+        _fill(angles, self.unread, np.array([axis.reference_angle for axis in robot.as_read.axes]))
+        motors = self.motor_angle.shape[1]
+        return replace(self, motor_angle=angles[:, :motors], joint_angle=angles[:, motors:])
 
     def part(self, where: slice) -> Samples:
         """A slice of the samples, as views."""
@@ -150,6 +186,79 @@ def on_axes(model: Model, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     if not axes.size or not axes.any():
         return NO_DOUBTS
     return axes @ model.touched[: axes.shape[-1]]  # those without encoder are not flagged
+
+
+class LastKnown:
+    """The last estimates of the cables of which nothing is known, to be shown as ``STALE``.
+
+    So are the efforts of their axes.  What has never been known is ``INVALID``.
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Begin without an estimate."""
+        layout, robot = model.layout, model.robot
+        cables = np.arange(len(robot.cables))
+        of_elements = robot.per_element(cables)
+        of_pulleys = of_elements[layout.element_before]
+        axes = len(cables) + np.arange(len(layout.motors) + len(layout.joints))
+        owners = {
+            **dict.fromkeys(("tension", "status"), of_elements),
+            **dict.fromkeys(
+                ("force_x", "force_y", "force_z", "magnitude", "friction", "slip_speed"), of_pulleys
+            ),
+            "motor_effort": axes[: len(layout.motors)],
+            "joint_effort": axes[len(layout.motors) :],
+            **dict.fromkeys(("iterations", "residual"), cables),
+        }
+        self._touched = model.touched[:, [part.start for part in robot.parts]].astype(np.uint8)
+        self._status = layout.status
+        self._owner = np.zeros(layout.size, dtype=np.int64)
+        for part, own in owners.items():
+            self._owner[getattr(layout, part)] = own
+        self._stddev_owner = np.concatenate([owners[part] for part in layout.stddev])
+        self._values = np.zeros(layout.size)
+        self._values[layout.status] = INVALID
+        self._stddev = np.zeros(self._stddev_owner.size)
+
+    def keep(self, estimate: Estimate) -> None:
+        """Take an estimate in which all is known."""
+        self._values = estimate.values
+        self._stddev = self._stddev if estimate.stddev is None else estimate.stddev
+
+    def hold(
+        self, unread: NDArray[np.bool_], values: Vector, stddev: Vector | None
+    ) -> NDArray[np.bool_]:
+        """Take further estimates, and put the last known ones where nothing is known of a cable.
+
+        Args:
+            unread: as ``Samples.unread``, shape (n, axes).
+            values: estimates, shape (n, layout.size); changed.
+            stddev: their standard deviations, shape (n, columns); changed; None: there are none.
+
+        Returns:
+            Whether nothing is known of every element, shape (n, elements).
+        """
+        unknown = np.zeros(values.shape, dtype=np.bool_)
+        if unread.any():
+            cables = unread @ self._touched
+            gone = np.hstack([cables, unread | (cables @ self._touched.T)]) > 0
+            unknown = gone[:, self._owner]
+            _fill(values, unknown, self._values)
+            flags = values[:, self._status].astype(np.uint8)
+            known = unknown[:, self._status] & (flags & INVALID == 0)
+            values[:, self._status] = flags | np.where(known, STALE, 0)
+            if stddev is not None:
+                _fill(stddev, gone[:, self._stddev_owner], self._stddev)
+        self._values = values[-1]
+        self._stddev = self._stddev if stddev is None else stddev[-1]
+        return unknown[:, self._status]
+
+
+def _fill(rows: Vector, unknown: NDArray[np.bool_], before: Vector) -> None:
+    """Put the last known number of its column where one is unknown; that ``before`` is known."""
+    count = np.arange(1, len(rows) + 1)[:, None]
+    last = np.maximum.accumulate(np.where(unknown, 0, count), axis=0)
+    rows[:] = np.take_along_axis(np.vstack([before, rows]), last, axis=0)
 
 
 NEVER: Final = _core.NEVER
@@ -254,7 +363,7 @@ class Estimate(Quantities):
     """All quantities in the order of ``layout``, shape (layout.size,)."""
     layout: Final[Layout]
     solved: Final[bool]
-    """False where some element is ``INVALID``."""
+    """False where some element is ``INVALID``, or ``STALE`` because an axis is not read."""
     stddev: Vector | None = None
     """Standard deviations in the order of ``stddev_columns``; None if none are estimated."""
     angles: Angles | None = None

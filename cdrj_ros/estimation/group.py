@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from cdrj_ros.estimation.beliefs import Beliefs
 from cdrj_ros.estimation.changes import narrowed
 from cdrj_ros.estimation.ensemble import stddev_columns
-from cdrj_ros.estimation.estimator import NEVER, Sample
+from cdrj_ros.estimation.estimator import NEVER, Estimate, Sample
 from cdrj_ros.estimation.sensors import Reading, Sensor
 from cdrj_ros.estimation.unknowns import ALIKE, PRELOAD, SLIP, signatures_of, unknowns_of
 from cdrj_ros.estimation.verdicts import Heard, Verdict, judge
 from cdrj_ros.foundation.arrays import Table, Vector
-from cdrj_ros.model.packing import stddev_places
+from cdrj_ros.model.packing import INVALID, stddev_places
 from cdrj_ros.model.prepared import Model, prepare
 from cdrj_ros.robot.groups import joints_of, part_of
 from cdrj_ros.robot.reader import build_robot
@@ -137,6 +137,7 @@ class Group:
         """Forget what the latest readings show."""
         self.waiting: list[tuple[Reading, Sensor]] = []
         """Readings up to the last sample, which the next renewal takes."""
+        self._was_solved = True
         self._tick = NEVER
         """Number of the last renewal."""
         self._slopes: deque[tuple[int, Table]] = deque(maxlen=HISTORY_NS // TICK_NS + 1)
@@ -176,6 +177,15 @@ class Group:
             left = left * self.verdict.unexplained
             left = left + self._by_few_changes(shift, left)
         return shift, known, left + self._hidden(values, shift)
+
+    def is_solved(self, estimate: Estimate) -> bool:
+        """Whether the cables are; until then, readings are of no use and dropped."""
+        flags = estimate.status.astype(np.uint8) & INVALID
+        now = not any(flags[self._model.robot.parts[c]].any() for c in self.cables)
+        if not (now and self._was_solved):
+            self.waiting.clear()
+        self._was_solved = now
+        return now
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""

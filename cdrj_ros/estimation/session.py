@@ -25,6 +25,7 @@ from cdrj_ros.estimation.estimator import (
     NEVER,
     NO_DOUBTS,
     Estimate,
+    LastKnown,
     Sample,
     State,
     initial_state,
@@ -36,6 +37,8 @@ from cdrj_ros.estimation.travel import MotorTravel
 from cdrj_ros.estimation.verdict_words import Report
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.output import listed
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import Model
 
 KEPT: Final = 4_096
@@ -172,11 +175,11 @@ class LiveEstimator:
         self._earlier: EarlierRun | None = None
         """The run that the next sample continues."""
         self._jumps = self.conditioner.clock_jumps
-        self._before_gap: EarlierRun | None = None
-        """The run before the gap in progress."""
+        self._last_known = LastKnown(self.model)
         self.state: State = initial_state(self.model)
         self._predicted = None
         self.sample: Sample | None = None
+        """The last one that is not predicted, with the last known angles."""
         self._recent: deque[Sample] = deque(maxlen=KEPT)
         """The last samples, among which a tare looks for a rest, and ``misfit`` for poses."""
         self._travel.forget()
@@ -250,15 +253,16 @@ class LiveEstimator:
         self.state = state
         if self.ensemble is not None and earlier.has_moved(sample):
             self.ensemble.reset()
-        self._doubt_change(earlier, sample._replace(after_gap=NO_DOUBTS))  # none was read meanwhile
-        self._unseen.end()
+        if self.ensemble is not None:
+            now = self._unseen.end_run(earlier, sample)
+            self._doubt_change(now, sample._replace(after_gap=NO_DOUBTS))  # none was read meanwhile
+            self._unseen.end()
 
-    def _doubt_change(self, earlier: EarlierRun, sample: Sample) -> None:
-        """Doubt what changed between a run and a sample since then, see ``Unseen``."""
-        if self.ensemble is None:
-            return
+    def _doubt_change(self, now: Vector, sample: Sample) -> None:
+        """Doubt what has changed in a break, see ``Unseen.add``."""
+        assert self.ensemble is not None
         before = self._unseen.changes
-        self._unseen.add(earlier, sample)
+        self._unseen.add(now, sample)
         if self.corrections is not None:
             self.corrections.widen(np.sqrt(self._unseen.changes**2 - before**2))
         else:
@@ -310,12 +314,20 @@ class LiveEstimator:
         """
         estimate = self._step(sample)
         if not sample.predicted:
-            self.sample = sample
-            self._recent.append(sample)
-            self.unsolved += not estimate.solved
-        if self.corrections is not None and estimate.solved:
+            self.sample = sample if estimate.solved else sample.known_since(self.sample)
+            if self.sample is sample:
+                self._recent.append(sample)
+        if self.corrections is not None:
             self._believe(self.corrections, sample, estimate)
         self._mark(sample, estimate)
+        if estimate.solved:
+            self._last_known.keep(estimate)
+        else:
+            invalid = (estimate.status.astype(np.uint8) & INVALID) != 0
+            stddev = None if estimate.stddev is None else estimate.stddev[None]
+            unread = np.isnan(sample.angles)[None]
+            unknown = self._last_known.hold(unread, estimate.values[None], stddev)
+            self.unsolved += not sample.predicted and bool((invalid & ~unknown).any())
         return estimate
 
     def _step(self, sample: Sample) -> Estimate:
@@ -331,11 +343,9 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        elif sample.after_gap.size and self.sample is not None:
-            self._before_gap = self._before_gap or self._run_so_far(self.sample)
-            self._doubt_change(self._before_gap, sample)
-        elif self._before_gap is not None:
-            self._before_gap = None
+        elif self.ensemble is not None and sample.after_gap.size:
+            self._doubt_change(step(self.model, self.state, sample)[1].tension, sample)
+        else:
             self._unseen.end()
         if self.ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
@@ -343,6 +353,10 @@ class LiveEstimator:
         if self.corrections is None and self.readings.heard:
             self.begin_corrections()
         self.state, estimate = self.ensemble.step(self.state, sample)
+        if estimate.solved and not sample.after_gap.size:
+            self._unseen.known = estimate.tension.copy()
+        else:
+            self._unseen.note(sample.after_gap, estimate.tension[None], estimate.status[None])
         return estimate
 
     def _step_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Estimate:
@@ -461,6 +475,8 @@ class LiveEstimator:
         """
         if self.sample is None:
             raise UsageError("no angles yet: no reading of every motor and joint has arrived")
+        if silent := [*self.conditioner.silent]:
+            raise UsageError(f"no reading of {listed(silent)} arrives")
         if self.encoderless is not None:
             hidden = self.model.robot.joints[self.model.robot.unmeasured[0]]
             raise UsageError(f"no reference can be set: {hidden.name} has no encoder")

@@ -317,6 +317,8 @@ def travel_suspicion(model: Model, motor_angle: Matrix, joint_angle: Matrix) -> 
         joint_angle: [rad] or [m], shape (n, joints).
     """
     travel = MotorTravel(model)
+    if not len(motor_angle):
+        return ""
     for k in np.linspace(0, len(motor_angle) - 1, KEPT).astype(int):
         travel.add(motor_angle[k], joint_angle[k], np.full(motor_angle.shape[1], np.nan))
     return travel.suspicion()

@@ -19,7 +19,7 @@ from cdrj_ros.estimation.estimator import Estimates, Sample, Samples
 from cdrj_ros.foundation.arrays import Floats
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.foundation.output import listed
-from cdrj_ros.messages.cdr import MessageError, read_layout
+from cdrj_ros.messages.cdr import JOINT_STATE, MessageError, read_layout
 from cdrj_ros.messages.templates import ESTIMATE_MESSAGES, EstimateMessage
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.batch import BEFORE, Batch, BulkDecoder
@@ -170,7 +170,8 @@ class Run:
         except MessageError as error:
             self.trouble = AnotherRobotError(f"{topic.topic} cannot be read: {error}")
             return
-        if names != expected:
+        has_part = topic.message is JOINT_STATE and set(names) < set(expected)
+        if names != expected and not has_part:
             self.trouble = AnotherRobotError(
                 f"the estimator is of another robot: its {topic.topic} are of "
                 f"{listed(names, 4) or 'nothing'}, expected {listed(expected, 4)} as in the robot "
@@ -240,7 +241,10 @@ def _decoded(
     batch = Batch(raw, nothing.astype(np.uint16), nothing, start, length)
     decoder.add(batch, np.arange(len(payloads)), 0)
     block = np.full((len(arrays), len(payloads), len(names)), np.nan)
-    if (table := decoder.tables.get(names)) is not None:
-        value = np.concatenate(table.value).reshape(-1, len(names), len(arrays))
-        block[:, np.concatenate(table.arrival)] = np.moveaxis(value, 2, 0)
+    for there, table in decoder.tables.items():
+        if not set(there) <= set(names):
+            continue
+        value = np.concatenate(table.value).reshape(-1, len(there), len(arrays))
+        places = [names.index(name) for name in there]
+        block[:, np.concatenate(table.arrival)[:, None], places] = np.moveaxis(value, 2, 0)
     return dict(zip(arrays, block, strict=True))

@@ -262,6 +262,7 @@ def plot_angles(model: Model, segment: Samples) -> dict[str, Angle]:
     a motor's effort over the joint if the robot has only one.
     """
     layout, robot = model.layout, model.robot
+    segment = segment.filled(robot)
     sliding = robot.prismatic_joints
     angles = {
         name: Angle(name, segment.stamp_ns, values[:, k], "m" if name in sliding else "rad")

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import mark_unsure
-from cdrj_ros.estimation.breaks import EarlierRun, Unseen
+from cdrj_ros.estimation.breaks import Unseen
 from cdrj_ros.estimation.conditioner import Conditioned
 from cdrj_ros.estimation.encoderless import EncoderlessEstimator, efforts_at
 from cdrj_ros.estimation.ensemble import NO_STDDEVS, UNSURE_SHARE, Ensemble, stddev_columns
 from cdrj_ros.estimation.estimator import (
     Angles,
     Estimates,
+    LastKnown,
     Samples,
     initial_state,
     on_axes,
@@ -65,42 +66,37 @@ def pieces_of(
 def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estimates]:
     """``pieces_of`` for a robot whose joints have encoders."""
     ensemble = Ensemble(model) if uncertainty else None
-    unseen = Unseen(model)
-    for piece, estimates, earlier in _ahead(_estimated(model, samples)):
+    unseen, last_known = Unseen(model), LastKnown(model)
+    for piece, estimates in _ahead(_estimated(model, samples)):
         found = estimates
+        first = piece.at(0)
         if ensemble is not None:
-            if earlier is None:
-                unseen.end()
-            else:
-                unseen.add(earlier, piece.at(0))
+            if first.after_gap.size:
+                unseen.add(estimates.tension[0], first)
                 ensemble.show_at_least(unseen.changes)
+            else:
+                unseen.end()
+            unseen.note(first.after_gap, estimates.tension, estimates.status)
             found = ensemble.follow(piece, estimates)
         stddev = NO_STDDEVS if found.stddev is None else found.stddev
         doubted = on_axes(model, piece.doubtful)
         mark_unsure(model.core, found.values, stddev, UNSURE_SHARE, doubted)
+        last_known.hold(piece.unread, found.values, found.stddev)
         yield found
 
 
-def _estimated(
-    model: Model, samples: Samples
-) -> Iterator[tuple[Samples, Estimates, EarlierRun | None]]:
+def _estimated(model: Model, samples: Samples) -> Iterator[tuple[Samples, Estimates]]:
     """Consecutive pieces of a pass and their estimates, without standard deviations.
 
-    A sample in a gap is a piece.  With it comes the run before the gap.
+    A sample in a gap is a piece.
     """
     state, count = initial_state(model), samples.stamp_ns.size
-    earlier: EarlierRun | None = None
     gaps = set(np.unique(np.nonzero(samples.after_gap)[0]).tolist()) - {0}
     ends = gaps | {k + 1 for k in gaps}
     for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *ends, count})):
         piece = samples.part(slice(begin, end))
-        if begin not in gaps:
-            earlier = None
-        elif earlier is None:
-            before = samples.at(begin - 1)
-            earlier = EarlierRun(state, before.motor_angle, before.joint_angle)
         state, estimates = run(model, state, piece)
-        yield piece, estimates, earlier
+        yield piece, estimates
 
 
 def _ahead(items: Iterator[T]) -> Iterator[T]:

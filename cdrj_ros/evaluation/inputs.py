@@ -41,8 +41,11 @@ def read_inputs(
     *,
     motor_efforts: bool = False,
     force_vectors: bool = False,
+    whole: bool = True,
 ) -> Recording:
     """Read a bag or a table that was not read yet, and check that it has all axes of a robot.
+
+    Without ``whole``, those of one cable are enough, and a note names the others.
 
     Raises:
         BagError: as ``read_recording``, or a motor or joint of the robot is missing.
@@ -51,8 +54,13 @@ def read_inputs(
         path, recording = str(bag.path), of_robot(bag, model.robot)
     else:
         path, recording = bag, _read(bag, topics, model.robot, motor_efforts, force_vectors)
-    require_axes(path, recording, model.robot)
-    return recording
+    missing = missing_axes(path, recording, model.robot)
+    there = recording.motors.keys() | recording.joints.keys()
+    unread = [axis.name not in there for axis in model.robot.axes]
+    if missing and (whole or model.touched[unread].any(axis=0).all()):
+        raise BagError(missing)
+    notes = [f"{missing}. Its cables have no estimate."] if missing else []
+    return replace(recording, notes=(*recording.notes, *notes))
 
 
 def _read(
@@ -97,12 +105,8 @@ def of_robot(recording: Recording, robot: Robot) -> Recording:
     )
 
 
-def require_axes(path: str, recording: Recording, robot: Robot) -> None:
-    """Refuse a recording without the angles of a motor or joint.
-
-    Raises:
-        BagError: with the missing names, and the names that the recording has.
-    """
+def missing_axes(path: str, recording: Recording, robot: Robot) -> str:
+    """Motors or joints that a recording lacks, and those that it has, in words; or empty."""
     for kind, wanted, there in (
         ("motor", robot.motors, recording.motors),
         ("joint", robot.joints, recording.joints),
@@ -110,10 +114,11 @@ def require_axes(path: str, recording: Recording, robot: Robot) -> None:
         missing = [axis.name for axis in wanted if axis.name not in there]
         if missing:
             hint = naming_hint(sorted(there), missing, robot.document)
-            raise BagError(
+            return (
                 f"{path} has no {kind} named {', '.join(missing)}; "
                 f"it has {'; '.join(filter(None, (', '.join(sorted(there)) or 'none', hint)))}"
             )
+    return ""
 
 
 def condition_recording(model: Model, recording: Recording) -> Conditioned:
@@ -125,7 +130,8 @@ def condition_recording(model: Model, recording: Recording) -> Conditioned:
     robot = model.robot
     joints: Mapping[str, Series] = recording.joints
     if joints.keys() <= recording.motors.keys():
-        joints = {joint.name: joints[joint.name] for joint in robot.as_read.joints}
+        names = (joint.name for joint in robot.as_read.joints)
+        joints = {name: joints[name] for name in names if name in joints}
     found = condition(robot, recording.motors, joints)
     return replace(
         found, segments=tuple(sorted(found.segments, key=lambda one: -one.stamp_ns.size)[:1])
@@ -146,7 +152,9 @@ def doubts_of(model: Model, conditioned: Conditioned) -> list[str]:
     """Notes on units, gears, names and ranges that do not fit the file, and on sparse readings."""
     notes, robot = [], model.robot
     for one in conditioned.segments:
-        if words := travel_suspicion(model, one.motor_angle, one.joint_angle):
+        whole = one.whole()
+        words = travel_suspicion(model, whole.motor_angle, whole.joint_angle)
+        if words:
             notes.append(f"{MISFIT}{words}.")
         if len(one.unseen) > 1 and not robot.unmeasured:
             midway = np.quantile(one.unseen[:, 1], SELDOM, axis=0, method="lower")
@@ -166,8 +174,9 @@ def unstated_counts(model: Model, recording: Recording) -> list[str]:
     robot, notes = model.robot, []
     if robot.unmeasured:
         return []
+    readings = {**recording.motors, **recording.joints}
     for axis, tenth in zip(robot.axes, worth_of(robot), strict=True):
-        count = count_of({**recording.motors, **recording.joints}[axis.name].value)
+        count = count_of(readings[axis.name].value) if axis.name in readings else 0.0
         share = 0.1 * abs(axis.sensor.scale) * count / tenth
         if axis.sensor.resolution == 0.0 and share > NOTED:
             notes.append(
@@ -214,7 +223,8 @@ def read_encoderless(bag: str | Recording, topics: Topics | Columns, robot: Robo
             topics = replace(topics, joints=topics.motors)
         recording = _read(path, topics, robot, True, True)
     found = _encoderless(path, recording, robot)
-    require_axes(path, found, robot.as_read)
+    if missing := missing_axes(path, found, robot.as_read):
+        raise BagError(missing)
     return found
 
 

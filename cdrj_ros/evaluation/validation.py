@@ -10,9 +10,10 @@ from time import perf_counter
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdrj_ros.estimation.conditioner import Conditioned
-from cdrj_ros.estimation.estimator import Angles, Estimates
+from cdrj_ros.estimation.estimator import Angles, Estimates, on_axes
 from cdrj_ros.evaluation.channels import (
     ANGLE,
     BagComparison,
@@ -141,10 +142,12 @@ class Validation:
             if piece.stddev is not None:
                 self._judged += int(np.count_nonzero(np.isfinite(piece.status)))
                 self._ok += int(np.count_nonzero(piece.status == OK))
-            self._comparing.add(*_by_channel(piece), piece.stamp_ns.size)
             end = done + piece.stamp_ns.size
+            samples = segment.part(slice(done, end))
+            known = _known(piece, on_axes(self._model, samples.unread), self._model.touched)
+            self._comparing.add(*_by_channel(known), piece.stamp_ns.size)
             if self._verdict:
-                self._verdict.follow(segment.part(slice(done, end)))
+                self._verdict.follow(samples)
             yield piece
             done = end
             if progress:
@@ -199,6 +202,17 @@ def _effort_notes(model: Model, channels: Iterable[Channel]) -> list[str]:
             continue
         notes.append(f"{axis.name} {ratio:.3g} times, {fits} fits")
     return [f"Recorded efforts by the estimates: {'; '.join(notes)}."] if notes else []
+
+
+def _known(piece: Estimates, gone: NDArray[np.bool_], touched: NDArray[np.bool_]) -> Estimates:
+    """Estimates with NaN where nothing is known of elements, which is not compared."""
+    if not gone.size:
+        return piece
+    layout, known = piece.layout, replace(piece, values=piece.values.copy())
+    known.tension[gone] = known.values[:, layout.effort][gone @ touched.T] = np.nan
+    for force in (known.force_x, known.force_y, known.force_z, known.nodal_force):
+        force[gone[:, layout.element_before]] = np.nan
+    return known
 
 
 def _by_channel(piece: Estimates) -> tuple[dict[str, Floats], dict[str, Floats]]:
@@ -359,7 +373,9 @@ def _read(task: BagTask, model: Model) -> tuple[Recording, Sensors | None]:
     if model.robot.unmeasured:  # has no verdict, as in the node
         return read_encoderless(bag, task.topics, model.robot), None
     efforts = task.read is None and task.health != "off"
-    recording = read_inputs(bag, task.topics, model, motor_efforts=efforts, force_vectors=True)
+    recording = read_inputs(
+        bag, task.topics, model, motor_efforts=efforts, force_vectors=True, whole=False
+    )
     if recording.is_table or not efforts:
         return recording, None
     return recording, _sensors(task, model, recording)

@@ -222,7 +222,7 @@ def samples_of(model: Model, recorded: Recorded) -> Samples:
         UsageError: that segment has fewer than two samples.
     """
     conditioned = condition(model.robot, recorded.motors, recorded.joints)
-    segments = conditioned.segments
+    segments = [one.whole() for one in conditioned.segments]
     if not segments or segments[-1].stamp_ns.size < 2:
         why = conditioned.shortage(model.robot)
         raise UsageError(

@@ -23,7 +23,7 @@ from cdrj_ros.messages.cdr import (
     MessageType,
     Span,
 )
-from cdrj_ros.model.packing import STALE, Layout
+from cdrj_ros.model.packing import INVALID, STALE, Layout
 
 
 class Template:
@@ -191,6 +191,9 @@ ESTIMATE_MESSAGES: Final = (
 )
 """Tensions, forces on pulleys, and efforts of all motors, then all joints."""
 
+MOST_TEMPLATES: Final = 32
+"""Number of sets of known names for which messages are kept."""
+
 NONE_KNOWN: Final = np.empty(0)
 """Standard deviations for messages without them."""
 
@@ -203,6 +206,34 @@ def marked_stale(estimate: Estimate) -> Estimate:
     return replace(estimate, values=values)
 
 
+def known_elements(estimate: Estimate) -> npt.NDArray[np.bool_]:
+    """Whether the numbers of every element are those at the estimate's time, shape (elements,)."""
+    known: npt.NDArray[np.bool_] = (estimate.status.astype(np.uint8) & (STALE | INVALID)) == 0
+    return known
+
+
+class KnownEfforts:
+    """Encodes JointStates with the efforts that are known, since such a message has no status."""
+
+    def __init__(self, names: Sequence[str], frame_id: str) -> None:
+        """Prepare for these names."""
+        self._names, self._frame_id = np.array(names, dtype=object), frame_id
+        self._templates: dict[bytes, Template] = {}
+        """Of those that are known, by which these are."""
+
+    def encode(
+        self, stamp_ns: int, efforts: npt.NDArray[np.float64], known: npt.NDArray[np.bool_]
+    ) -> bytes:
+        """Encode the efforts of all names, of which these are known."""
+        key = known.tobytes()
+        if key not in self._templates:
+            if len(self._templates) >= MOST_TEMPLATES:
+                self._templates.clear()
+            names = tuple(self._names[known])
+            self._templates[key] = Template(JOINT_STATE, names, ("effort",), self._frame_id)
+        return self._templates[key].encode(stamp_ns, effort=efforts[known])
+
+
 class Encoded(NamedTuple):
     """The messages of one estimate."""
 
@@ -213,21 +244,33 @@ class Encoded(NamedTuple):
     efforts: bytes
     """sensor_msgs/JointState with the efforts of all motors, then all joints [N m].
 
-    The efforts are empty if any element is ``INVALID``, because the message has no status.
+    Those with a cable that is ``INVALID`` or whose axes are not read are left out, because the
+    message has no status; if all are, it has names alone.
     """
 
 
 class EstimateEncoder:
     """Encodes estimates of one robot as messages."""
 
-    def __init__(self, layout: Layout, uncertain: bool = False) -> None:
-        """Prepare the messages; their names are fixed.
+    def __init__(
+        self,
+        layout: Layout,
+        uncertain: bool = False,
+        touched: npt.NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Prepare the messages; their names are fixed, but for efforts that are not known.
 
         Args:
             layout: layout of the estimates.
             uncertain: whether the messages include standard deviations.
+            touched: by axes, the elements that have a part in its effort; None: all.
         """
         self._layout = layout
+        axes = (*layout.motors, *layout.joints)
+        self._touched = np.ones((len(axes), len(layout.elements)), np.bool_)
+        if touched is not None:
+            self._touched = touched
+        self._known_efforts = KnownEfforts(axes, layout.base_link)
         places = layout.stddev
         self._width = max(one.stop for one in places.values()) if uncertain else 0
         self._tensions, self._nodal_forces, self._efforts = (
@@ -259,18 +302,30 @@ class EstimateEncoder:
             )
         if not 0 <= stamp < END_OF_TIME_NS:
             raise MessageError(f"stamp {stamp} ns does not fit a ROS header")
-        efforts = self._efforts if estimate.solved else self._no_efforts
         return Encoded(
             self._tensions.encode(stamp, values, stddevs),
             self._nodal_forces.encode(stamp, values, stddevs),
-            efforts.encode(stamp, values, stddevs),
+            self._encode_efforts(self._efforts, estimate, values[self._layout.effort]),
         )
+
+    def _encode_efforts(
+        self, whole: MessageEncoder, estimate: Estimate, numbers: npt.NDArray[np.float64]
+    ) -> bytes:
+        """Encode numbers of all axes, which are those of ``whole``, as far as they are known."""
+        stamp, stddevs = estimate.stamp_ns, estimate.stddev
+        if not estimate.solved:
+            known = ~(self._touched @ ~known_elements(estimate))
+            if known.any():
+                return self._known_efforts.encode(stamp, numbers, known)
+            whole = self._no_efforts
+        return whole.encode(stamp, estimate.values, NONE_KNOWN if stddevs is None else stddevs)
 
     def efforts_stddev(self, estimate: Estimate) -> bytes:
         """Encode sensor_msgs/JointState with the standard deviations of the efforts [N m]."""
-        encoder = self._efforts_stddev if estimate.solved else self._no_efforts
-        stddevs = NONE_KNOWN if estimate.stddev is None else estimate.stddev
-        return encoder.encode(estimate.stamp_ns, estimate.values, stddevs)
+        assert estimate.stddev is not None
+        motors, joints = (self._layout.stddev[one] for one in ("motor_effort", "joint_effort"))
+        numbers = estimate.stddev[motors.start : joints.stop]
+        return self._encode_efforts(self._efforts_stddev, estimate, numbers)
 
 
 def _encoder_of(

@@ -127,6 +127,11 @@ def _steps(live: LiveEstimator) -> list[str]:
     return [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
 
 
+def _unread(live: LiveEstimator) -> list[str]:
+    silent = live.conditioner.silent
+    return [f"{name} for {silent_ns * 1e-9:.3g} s" for name, silent_ns in silent.items()]
+
+
 def _lags(live: LiveEstimator) -> list[str]:
     return [
         f"{name} by {lag_ns * 1e-6:.2g} ms, which grows by {growth * 1e6:.0f} ppm"
@@ -145,8 +150,9 @@ def _sparse(live: LiveEstimator, rate_hz: float) -> str:
 def _severest(live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health) -> Report:
     """The most severe cause, by its name; none has a name that is logged elsewhere or often."""
     doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
-    stepped, lagging = _steps(live), _lags(live)
+    stepped, lagging, unread = _steps(live), _lags(live), _unread(live)
     sparse = _sparse(live, health.rate_hz)
+    refusing = f"; {health.refusing}" if health.refusing else ""
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
     silent = health.silence_s > health.timeout_s
     unused = f"no estimate for {health.timeout_s:g} s: {health.waiting}"
@@ -154,6 +160,10 @@ def _severest(live: LiveEstimator, flagged: Mapping[int, list[str]], health: Hea
         (silent and health.heard and health.waiting, "error", "", unused),
         (silent, "stale", "", f"no input for {health.timeout_s:g} s"),
         (deaf, "error", "no effort", "no effort of a motor: joints without encoder need it"),
+        (
+            unread, "error", "not read",
+            f"no reading accepted of {listed(unread)}: nothing is known of its cables{refusing}",
+        ),
         (health.misfit, "error", "misfit", health.misfit),
         (flagged[INVALID], "error", "not solved", f"not solved: {listed(flagged[INVALID])}"),
         (flagged[OVERLOAD], "error", "overload", f"overload: {listed(flagged[OVERLOAD])}"),
@@ -220,6 +230,7 @@ def _figures(
         "readings alternating": ", ".join(conditioner.alternating) or "none",
         "readings repeated": ", ".join(conditioner.stuck) or "none",
         "readings lagging": ", ".join(_lags(live)) or "none",
+        "axes not read": ", ".join(_unread(live)) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),

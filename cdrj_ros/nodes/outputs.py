@@ -14,7 +14,13 @@ from sensor_msgs.msg import JointState
 from cdrj_ros.estimation.estimator import Estimate
 from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.messages.cdr import JOINT_STATE
-from cdrj_ros.messages.templates import EstimateEncoder, Template, marked_stale
+from cdrj_ros.messages.templates import (
+    EstimateEncoder,
+    KnownEfforts,
+    Template,
+    known_elements,
+    marked_stale,
+)
 from cdrj_ros.messages.topics import (
     EFFORTS,
     JOINT_ANGLES,
@@ -23,7 +29,6 @@ from cdrj_ros.messages.topics import (
     TENSIONS,
     WRENCHES,
 )
-from cdrj_ros.model.packing import STALE
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.nodes.settings import default_profile
 
@@ -51,8 +56,8 @@ class Outputs:
         layout, uncertain = live.model.layout.in_frame(frame_id), live.options.uncertainty
         self.published = 0
         """Number of estimates published."""
-        self._encoder = EstimateEncoder(layout, uncertain=uncertain)
-        self._states = Template(JOINT_STATE, layout.elements, ("effort",), layout.base_link)
+        self._encoder = EstimateEncoder(layout, uncertain, live.model.touched)
+        self._states = KnownEfforts(layout.elements, layout.base_link)
         self._frames = _frames(live.model, layout.base_link)
         self._opened: list[Any] = []
         self.tensions = self._open(CableTensions, TENSIONS)
@@ -133,13 +138,13 @@ class Outputs:
 
     def _publish_known(self, estimate: Estimate) -> None:
         """Publish what has no status: nothing of an estimate that is STALE or INVALID."""
-        if not estimate.solved or int(estimate.status[0]) & STALE:  # all elements are, or none
-            return
-        layout = self._model.layout
-        if self.states_wanted:
-            self.states.publish(self._states.encode(estimate.stamp_ns, effort=estimate.tension))
+        layout, known = self._model.layout, known_elements(estimate)
+        if self.states_wanted and known.any():
+            self.states.publish(self._states.encode(estimate.stamp_ns, estimate.tension, known))
         force = [estimate.values[part] for part in (layout.force_x, layout.force_y, layout.force_z)]
         for k in self.wanted:
+            if not known[layout.element_before[k]]:
+                continue
             message = WrenchStamped()
             message.header.frame_id = self._frames[k]
             stamp, vector = message.header.stamp, message.wrench.force

@@ -134,7 +134,7 @@ def _hertz(text: str) -> float:
 def _open(arguments: argparse.Namespace, model: Model, topics: Topics, path: str) -> Bag:
     """Read one recording and choose what of it is played."""
     source = open_source(path)
-    recording = read_inputs(path, topics, model, force_vectors=True)
+    recording = read_inputs(path, topics, model, force_vectors=True, whole=False)
     first, last = recording.start_ns, recording.end_ns
     begin = first + round(arguments.start_offset * 1e9)
     if begin > last:

@@ -47,6 +47,7 @@ def recorded_estimates(
     """
     require_samples(recording.path, model.robot, conditioned)
     (segment,) = conditioned.segments
+    shown = segment.filled(model.robot)
     total = segment.stamp_ns.size
     every = 1 + total // MOST
     layout, parts, done = model.layout, list[Table](), 0
@@ -58,7 +59,7 @@ def recorded_estimates(
         parts.append(
             Table(
                 stamps,
-                segment.joint_angle[done : done + piece.stamp_ns.size][kept],
+                shown.joint_angle[done : done + piece.stamp_ns.size][kept],
                 piece.tension[kept],
                 np.full(status.shape, np.nan) if stddev is None else stddev[kept],
                 np.column_stack([at_stamps(one, stamps) for one in references]),

@@ -58,8 +58,10 @@ def test_a_recording_gives_the_samples_of_its_readings_bit_for_bit():
                 positions.pop("m0", None)  # which is never heard
             for name in heard.keys() & positions.keys():
                 heard[name].append((message.stamp_ns, k, positions[name]))
-            for name in [name for name in heard if name in positions]:  # those that arrive at once
-                wanted += take(conditioner, "both", message.stamp_ns, [name], [positions[name]])
+            names = [name for name in heard if name in positions]
+            if names:
+                values = [positions[name] for name in names]
+                wanted += take(conditioner, "both", message.stamp_ns, names, values)
         channels = {
             name: Series(
                 *(

@@ -233,7 +233,7 @@ def _lagging_joint():
     return motor, Series(slow, slow + 3_000_000, slow * -1e-9)
 
 
-def test_the_first_intervals_of_a_slow_channel_give_no_samples_and_are_unknown():
+def test_in_its_first_intervals_nothing_is_known_of_a_slow_channel():
     """From the fourth interval on the motion so far tells what may happen between readings."""
     heard, period = Listener(), SECOND // 2
     for k in range(300):
@@ -242,6 +242,7 @@ def test_the_first_intervals_of_a_slow_channel_give_no_samples_and_are_unknown()
         if k % 50 == 10:
             heard.feed(Message("joints", stamp, JOINTS, (0.1 * np.sin(k / 30), 0.0)))
     (samples,) = heard.segments
+    samples = [one for one in samples if not np.isnan(one.joint_angle).any()]
     first = START + SECOND // 10
     early = [sample for sample in samples if sample.stamp_ns <= first + 3 * period]
     assert [sample.stamp_ns - first for sample in early] == [0, period, 2 * period, 3 * period]

@@ -13,11 +13,15 @@ from cdrj_ros.estimation.refusals import WHOLE
 
 BEGIN = 1_700_000_000 * 10**9
 MILLISECOND = 1_000_000
-ROBOT = robot_of("""
+OVER_ALL = "[1, {joint: p, slope: 0.02}, {joint: q, slope: 0.02}]"
+ROBOT = robot_of(
+    """
 name: plain
 motors: [{name: a, max_speed: 50}, {name: b}]
 joints: [{name: p, range: [-1, 1], max_speed: 20}, {name: q, range: [0, 2]}]
-""")
+""",
+    span=OVER_ALL,
+)
 
 
 def any_streams(count=40):
@@ -57,9 +61,10 @@ def test_samples_are_finite_within_limits_and_later_than_the_one_before(mode):
                 else:
                     last = sample.stamp_ns
                     given_out += 1
-                values = np.concatenate((sample.motor_angle, sample.joint_angle))
-                assert np.all(np.isfinite(values))
-                for value, limit in zip(values, limits, strict=True):
+                assert not np.isnan(sample.motor_angle[0]), "the only cable depends on it"
+                for value, limit in zip(sample.angles, limits, strict=True):
+                    if np.isnan(value):
+                        continue
                     assert limit.lower - 2 * RANGE_MARGIN <= value
                     assert value <= limit.upper + 2 * RANGE_MARGIN
         assert given_out <= conditioner.accepted

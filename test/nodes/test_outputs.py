@@ -12,6 +12,7 @@ from support.places import ROBOTS
 
 from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
 from cdrj_ros.messages.templates import marked_stale
+from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import load_model
 
 PLACED = str(ROBOTS / "prototype_positions.yaml")
@@ -45,7 +46,9 @@ def test_tensions_by_name_and_forces_on_pulleys_are_those_of_the_estimate(bench)
     assert np.hypot(force.x, force.y) > 1.0
     assert wrench.header.stamp.sec * 10**9 + wrench.header.stamp.nanosec == estimate.stamp_ns
 
-    for unknown in (marked_stale(estimate), replace(estimate, solved=False)):
+    invalid = replace(marked_stale(estimate), solved=False)
+    invalid.status[:] = INVALID
+    for unknown in (marked_stale(estimate), invalid):
         outputs.publish(unknown)
     feed(estimator, 5, 6)
     assert bench.until(lambda: len(states) > 5 and len(wrenches) > 5)
