@@ -147,14 +147,15 @@ def _limits(limit_check: LimitCheck) -> dict[str, Any]:
 
 
 def key_numbers(errors: Mapping[str, ChannelError]) -> list[dict[str, str]]:
-    """One number for every quantity, shown in large type: label, value, meaning and detail."""
-    numbers = []
+    """One number for every quantity and unit, in large type: label, value, meaning and detail."""
+    alike: dict[tuple[str, str], list[ChannelError]] = {}
     for quantity, known in QUANTITIES.items():
-        members = [e for name, e in errors.items() if quantity_of(name) == quantity and e.n]
-        if not members:
-            continue
-        overall = mean_over_channels(members)
-        unit = overall.unit or known.unit
+        for name, error in errors.items():
+            if quantity_of(name) == quantity and error.n:
+                alike.setdefault((quantity, error.unit or known.unit), []).append(error)
+    numbers = []
+    for (quantity, unit), members in alike.items():
+        known, overall = QUANTITIES[quantity], mean_over_channels(members)
         mean, largest = (
             format_amount(value, unit) for value in (overall.mean_abs_error, overall.max_abs_error)
         )

@@ -183,3 +183,13 @@ def test_the_first_number_of_a_quantity_is_an_error_with_its_coverage():
     (shown,) = html.key_numbers({"effort/winch": effort})
     assert shown["meaning"] == "mean error"
     assert "97.00 % in ±2σ" in shown["detail"]
+
+
+def test_efforts_of_sliding_and_of_turning_joints_are_not_averaged():
+    turns, slides = (
+        ChannelError(100, e, e, e, e, 0.9, unit=u) for e, u in ((0.01, "N·m"), (2.0, "N"))
+    )
+    shown = html.key_numbers({"effort/a": turns, "effort/lift": slides, "effort/b": turns})
+    assert [(one["label"], one["detail"].split(" mean")[0]) for one in shown] == [
+        ("2 efforts", "10 mN·m"), ("Effort", "2.0 N"),
+    ]  # fmt: skip
