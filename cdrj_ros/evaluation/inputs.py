@@ -21,11 +21,11 @@ from cdrj_ros.estimation.refusals import NOTED, refusal_words, sparse_words
 from cdrj_ros.estimation.travel import travel_suspicion
 from cdrj_ros.evaluation.channels import ANGLE, FORCE_VECTOR
 from cdrj_ros.foundation.arrays import Series, Stamps
-from cdrj_ros.foundation.errors import BagError
+from cdrj_ros.foundation.errors import BagError, nearest
 from cdrj_ros.foundation.output import printable
 from cdrj_ros.messages import topics as standard
 from cdrj_ros.messages.cdr import REFERENCE_ARRAYS
-from cdrj_ros.model.packing import EFFORT
+from cdrj_ros.model.packing import EFFORT, TENSION
 from cdrj_ros.model.prepared import Model
 from cdrj_ros.recordings.recording import Recording, Topics, read_recording
 from cdrj_ros.recordings.source import open_source
@@ -81,6 +81,9 @@ def of_robot(recording: Recording, robot: Robot) -> Recording:
     """A recording with the robot's names, and with efforts in N m; that of a bag as it is.
 
     Names of motors and joints may lack the prefix of the robot file.
+
+    Raises:
+        BagError: a table has a reference of something that the robot does not have.
     """
     if not recording.is_table:
         return recording
@@ -96,6 +99,13 @@ def of_robot(recording: Recording, robot: Robot) -> Recording:
     references = {
         name: one for name, one in recording.references.items() if not name.startswith(f"{EFFORT}/")
     }
+    elements = [name for cable in robot.cables for name in cable.element_names]
+    tensions = [n.removeprefix(f"{TENSION}/") for n in references if n.startswith(f"{TENSION}/")]
+    for kind, names, there in (("element", tensions, elements), ("axis", efforts, sorted(own))):
+        for name in names:
+            if name not in there:
+                absent = f"there is no {kind} {printable(name)}; {nearest(name, there)}"
+                raise BagError(f"{recording.path}: {absent}")
     return replace(
         recording,
         motors=renamed(recording.motors),

@@ -74,7 +74,7 @@ def test_an_empty_cell_is_no_reading(tmp_path):
 def test_short_names_and_the_scales_of_the_robot_file_hold_for_tables():
     robot = SimpleNamespace(
         axes=[SimpleNamespace(name="arm1_winch"), SimpleNamespace(name="arm1_elbow")],
-        document={"prefix": "arm1_"}, effort_scale={"arm1_winch": 2.0},
+        cables=(), document={"prefix": "arm1_"}, effort_scale={"arm1_winch": 2.0},
     )  # fmt: skip
     log = {"t": TIME, "m": WINCH, "j": ELBOW, "e": np.ones(COUNT)}
     read = of_robot(cdrj.read_table(log, **WHERE, efforts={"winch": "e"}), robot)
@@ -103,6 +103,20 @@ def test_a_mistake_is_answered_in_one_line(tmp_path, change, words):
     with pytest.raises(cdrj.CdrjError, match=words) as error:
         cdrj.read_table(path, **WHERE)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        ({"tensions": {"upper/9": "m"}}, "there is no element upper/9; did you mean upper/8?"),
+        ({"efforts": {"wimch": "m"}}, "there is no axis wimch; did you mean winch?"),
+    ],
+)
+def test_a_reference_that_the_robot_does_not_have_is_refused(where, words):
+    log = {"t": TIME, "m": WINCH, "j": ELBOW}
+    recording = cdrj.read_table(log, **(WHERE | where))
+    with pytest.raises(cdrj.BagError, match=words):
+        cdrj.validate("prototype", recording, uncertainty=False)
 
 
 def test_estimate_takes_a_frame_by_the_names_of_its_columns():
