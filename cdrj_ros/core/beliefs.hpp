@@ -43,7 +43,8 @@ inline double square(double number) { return number * number; }
 struct Accuracy {
     std::size_t quantity;            // that it reads
     std::vector<bool> contributes;   // whether its cables contribute to every quantity
-    double scale;                    // what the preloads contribute to its reading [N] or [N m]
+    double scale;                    // what the preloads contribute to its reading [N] or [N m],
+    double balance;                  // and with signs
     double bias, gain;               // standard deviations of b and g
     double drift;                    // random walk of b after 1 s
     double model_share, model_least; // error of the model, as a share of the reading and at least
@@ -76,7 +77,7 @@ struct Evidence {
     DenseMatrix sums{0, 0};        // M, then u, and the sum of (z - h)^2 / R, symmetric
     double number = 0.0;           // of readings whose errors are independent
     std::vector<double> recent{};  // over the last readings: (z - h)^2 / R with what h would be
-                                   // without each cable, then with all, and their number
+                                   // without each cable, by the preloads, and with all; their number
     Nanoseconds stamp_ns = NEVER_NS;
 
     /// Add a reading of a sensor.

@@ -70,12 +70,12 @@ void make_beliefs(
 
 void hear(
     Beliefs& beliefs, std::size_t quantity, const GivenFlags& contributes, double scale,
-    const std::vector<double>& prior, double drift, const std::vector<double>& model, double faulty) {
+    double balance, const std::vector<double>& prior, double drift, const std::vector<double>& model, double faulty) {
     require(
         prior.size() == 2 && model.size() == 2 && Index(quantity) < contributes.size(),
         "prior, model or contributes have not the sizes of a sensor's");
     const std::vector<bool> of(contributes.data(), contributes.data() + contributes.size());
-    beliefs.hear({quantity, of, scale, prior[0], prior[1], drift, model[0], model[1], faulty});
+    beliefs.hear({quantity, of, scale, balance, prior[0], prior[1], drift, model[0], model[1], faulty});
 }
 
 void take(
@@ -252,14 +252,15 @@ void bind_beliefs(nb::module_& core) {
                 jump: of their sudden changes.
                 error: of corrections by each, as a share of them.)")
         .def(
-            "hear", hear, nb::kw_only(), "quantity"_a, "contributes"_a, "scale"_a, "prior"_a, "drift"_a,
-            "model"_a, "faulty"_a, R"(
+            "hear", hear, nb::kw_only(), "quantity"_a, "contributes"_a, "scale"_a, "balance"_a, "prior"_a,
+            "drift"_a, "model"_a, "faulty"_a, R"(
             Add a sensor, as ``Sensor`` describes it.
 
             Args:
                 quantity: that it reads.
                 contributes: whether its cables contribute to every quantity, shape (quantities,).
                 scale: what the preloads contribute to its reading [N] or [N m].
+                balance: the same with signs.
                 prior: standard deviations of bias and gain.
                 drift: random walk of the bias after 1 s.
                 model: error of the model, as a share of the reading and at least.

@@ -22,14 +22,13 @@ void Evidence::add(const SensorReading& reading, const Accuracy& sensor) {
     const std::size_t size = reading.slopes.size() + 3;
     if (stamp_ns == NEVER_NS) {
         sums = DenseMatrix(size, size);
-        recent.assign(reading.parts.size() + 2, 0.0);
+        recent.assign(reading.parts.size() + 3, 0.0);
     }
     const double passed = stamp_ns == NEVER_NS ? FADES_S
         : std::max(static_cast<double>(reading.stamp_ns - stamp_ns) * 1e-9, SHORTEST_S);
-    const double noise = square(reading.noise), history = square(reading.history);
-    const double model = sensor.model_variance(reading.value), lasting = model + history;
-    const double lasts = std::max(1.0, MODEL_S / passed);
-    const double variance = noise + lasting * lasts;
+    const double noise = square(reading.noise);
+    const double lasting = sensor.model_variance(reading.value) + square(reading.history);
+    const double variance = noise + lasting * std::max(1.0, MODEL_S / passed);
     const double difference = reading.value - reading.h;
     std::vector<double> row(reading.slopes.begin(), reading.slopes.end());
     row.insert(row.end(), {1.0, reading.h, difference});
@@ -41,15 +40,11 @@ void Evidence::add(const SensorReading& reading, const Accuracy& sensor) {
     number = kept * number + share;
     const double kept_recent = std::exp(-passed / RECENT_S);
     for (double& one : recent) one *= kept_recent;
-    double every = 0.0;
-    for (const double part : reading.parts) every += std::abs(part);
     for (std::size_t c = 0; c < reading.parts.size(); ++c) {
-        const double part = reading.parts[c];  // whose errors end with it
-        const double others = every > 0.0 ? 1.0 - std::abs(part) / every : 1.0;
-        const double without = noise + (model + square(sensor.bias) + square(others) * history) * lasts;
-        recent[c] += square(difference + part) / without;
+        recent[c] += square(difference + reading.parts[c]) / variance;
     }
-    recent[reading.parts.size()] += square(difference) / variance;
+    recent[reading.parts.size()] += square(reading.value - sensor.balance) / variance;
+    recent[reading.parts.size() + 1] += square(difference) / variance;
     recent.back() += share;
     stamp_ns = reading.stamp_ns;
 }

@@ -58,7 +58,7 @@ class Beliefs:
         self.sensors.append(sensor)
         scale, known = sensor.scale, sensor.accuracy
         self.core.hear(
-            quantity=quantity, contributes=contributes, scale=scale,
+            quantity=quantity, contributes=contributes, scale=scale, balance=sensor.balance,
             prior=(known.bias * scale, sensor.gain), drift=known.drift * scale,
             model=(known.model, known.model_least * scale),
             faulty=VERIFIED if sensor.verified else FAULTY,

@@ -76,7 +76,9 @@ class Sensor:
     noise: float
     """Standard deviation of a reading, unless its message states one [N] or [N m]."""
     scale: float
-    """What the preloads contribute to its reading, regardless of signs [N] or [N m]."""
+    """What the preloads contribute to its reading, regardless of signs [N] or [N m],"""
+    balance: float
+    """and with them; 0 for the effort of a joint."""
     accuracy: Accuracy
     pulls: tuple[tuple[int, float], ...] = ()
     """Elements whose tensions it reads, and the reading per newton of each [-] or [m]; none where
@@ -141,8 +143,9 @@ def _cells(model: Model) -> Iterator[Sensor]:
     for c, cable in enumerate(model.robot.cables):
         for name in cable.element_names:
             column = places[f"tension/{name}"]
+            preload = preload_of(cable)
             yield Sensor(
-                name, column, (c,), cable.sensor_noise, preload_of(cable), CELL, ((column, 1.0),),
+                name, column, (c,), cable.sensor_noise, preload, preload, CELL, ((column, 1.0),),
                 verified=cable.sensor_verified,
             )  # fmt: skip
 
@@ -151,6 +154,7 @@ def _efforts(model: Model) -> Iterator[Sensor]:
     """Efforts of motors, and of joints whose file gives ``effort_noise``."""
     robot, places = model.robot, stddev_places(model.layout)
     contributes = efforts_of_preloads(model)
+    preloads = [preload_of(cable) for cable in robot.cables for _ in cable.element_names]
     known = robot.uncertainty.stddev if robot.uncertainty else {}
     for a, axis in enumerate(robot.axes):
         path = f"{'motors' if a < len(robot.motors) else 'joints'}.{axis.name}.effort_scale"
@@ -158,10 +162,11 @@ def _efforts(model: Model) -> Iterator[Sensor]:
         gain = min(max(fitted, VERIFIED_GAIN), EFFORT.gain)
         cables = tuple(np.flatnonzero(contributes[:, a]).tolist())
         if axis.effort_noise is not None and cables:
+            pulls = tuple(_winding(robot, axis, cables))
+            balance = sum((share * preloads[element] for element, share in pulls), 0.0)
             yield Sensor(
                 axis.name, places[f"effort/{axis.name}"], cables, axis.effort_noise,
-                float(contributes[:, a].sum()), EFFORT._replace(gain=gain),
-                tuple(_winding(robot, axis, cables)), a,
+                float(contributes[:, a].sum()), balance, EFFORT._replace(gain=gain), pulls, a,
                 axis.sensor.clock_offset_ns, axis.effort_verified,
             )  # fmt: skip
 

@@ -24,7 +24,7 @@ SMALL_OR_LARGE: Final = 3.0
 """Factor up to which a wrong radius of a drum explains an effort, or a travel, as well."""
 
 REVERSED: Final = 0.2
-"""Largest difference from -1 of the factor of a drum that winds the other way."""
+"""Largest difference from -1 of the factor of a drum that winds, or a sign, the other way."""
 
 Level = Literal["ok", "warn", "error", "stale"]
 
@@ -71,7 +71,9 @@ def _of_verdicts(robot: Robot, judged: Sequence[Verdict]) -> Report:
     """The verdicts of all groups that have one."""
     if not judged:
         return Report("ok", "too few readings of sensors", {})
-    words = [line for one in judged for line in _words(robot, one)]
+    words: dict[str, str] = {}
+    for what, text in (line for one in judged for line in _words(robot, one)):
+        words.setdefault(what, text)  # a joint, or a cause, of several groups is said once
     values = {
         f"deviation of {name} [{_unit(robot, name)}]": f"{file:.3g} from the file, "
         f"{found:.3g} from it with what is found"
@@ -90,26 +92,30 @@ def _of_verdicts(robot: Robot, judged: Sequence[Verdict]) -> Report:
     agrees = "agrees with the robot file"
     if not any(one.deviation for one in judged):
         agrees = "nothing to compare: the sensors repeat their readings"
-    return Report(level, "; ".join(words) or agrees, values, named)
+    return Report(level, "; ".join(words.values()) or agrees, values, named)
 
 
 def _unit(robot: Robot, sensor: str) -> str:
     return "N m" if any(axis.name == sensor for axis in robot.axes) else "N"
 
 
-def _words(robot: Robot, verdict: Verdict) -> list[str]:
+def _words(robot: Robot, verdict: Verdict) -> list[tuple[str, str]]:
+    """What is said of a group, by what it is about."""
     if verdict.broken:
         text = f"cable {verdict.broken} carries nothing: it is broken or off its drum"
         of_sensors = [f.change.what for f in verdict.found if f.change.kind in (GAIN, BIAS)]
         others = ", ".join(of_sensors if verdict.explained else ())
-        return [f"{text} (or: {others})" if others else text]
+        return [(text, f"{text} (or: {others})" if others else text)]
     if verdict.opposite:
-        return [_opposite(robot, verdict.opposite)]
+        text = _opposite(robot, verdict.opposite)
+        return [(text, text)]
     if verdict.swapped:
-        return [swap(*verdict.swapped)]
+        text = swap(*verdict.swapped)
+        return [(text, text)]
     if not verdict.explained and verdict.times > 1.0:
         text = f"efforts are {verdict.times:.3g} times what the cables' pull gives"
-        return [f"{text}: effort_scale: {1.0 / verdict.times:.3g} times as much mends it"]
+        key = f"effort_scale: {1.0 / verdict.times:.3g} times as much"
+        return [("times", f"{text}: {key} mends it")]
     if not verdict.explained:
         worst = max(verdict.deviation, key=lambda name: verdict.deviation[name][1])
         (file, found), unit = verdict.deviation[worst], _unit(robot, worst)
@@ -118,8 +124,8 @@ def _words(robot: Robot, verdict: Verdict) -> list[str]:
             f"{found:.3g} {unit}: wrong robot file, wrong sign or unit of a sensor, or "
             "several changes"
         )
-        return [text]
-    return [_sentence(robot, one) for one in verdict.found if one.matters]
+        return [("unexplained", text)]
+    return [(one.change.what, _sentence(robot, one)) for one in verdict.found if one.matters]
 
 
 def swap(one: str, other: str) -> str:
@@ -204,6 +210,9 @@ def _effort_scale(robot: Robot, what: str, ratio: float) -> str:
 def _remedy(robot: Robot, found: Finding) -> str:
     """The keys that mend the scale of an effort, or of all, and their values."""
     one, ratio = found.change, 1.0 + found.amount / found.change.factor
+    if abs(ratio + 1.0) < max(REVERSED, found.stddev / one.factor):
+        of_all = "their signs are" if one.what == ALL_EFFORTS else "its sign is"
+        return f"; if {of_all} wrong, the other effort_sign mends it"
     key = _effort_scale(robot, one.what, ratio)
     if not key:
         return ""

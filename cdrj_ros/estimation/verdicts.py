@@ -90,8 +90,8 @@ class Heard(NamedTuple):
     number: float
     """Of independent readings."""
     recent: Vector
-    """Sums of squares of the last readings without each cable of the sensor, then with all, and
-    their number."""
+    """Sums of squares of the last readings without each cable of the sensor, with the preloads, and
+    with all cables; then their number."""
 
     def squares(self, mean: Vector) -> float:
         """What unknowns leave of the readings, in squares of the expected errors."""
@@ -291,15 +291,18 @@ def _times(heard: Sequence[Heard]) -> float:
 
 
 def _broken(heard: Sequence[Heard]) -> int:
-    """The number of the cable that carries nothing by the last readings; -1 if none does."""
+    """The number of the cable that carries nothing by the last readings; -1 if none does.
+
+    Readings of what the preloads give say nothing of it, whatever the estimate expects.
+    """
     squares, number = (sum(float(one.recent[k]) for one in heard) for k in (-2, -1))
     least, found = min(squares - 2.0 * CERTAIN, UNEXPLAINED * number), -1
     for c in sorted({c for one in heard for c in one.sensor.cables}):
-        without = 0.0
-        for one in heard:
-            own = one.sensor.cables
-            without += float(one.recent[own.index(c) if c in own else -2])
-        if without < least:
+        of_cable = [(one.recent, one.sensor.cables) for one in heard if c in one.sensor.cables]
+        others = squares - sum(float(recent[-2]) for recent, _ in of_cable)
+        without = others + sum(float(recent[own.index(c)]) for recent, own in of_cable)
+        balance = others + sum(float(recent[-3]) for recent, _ in of_cable)
+        if without < min(least, balance - 2.0 * CERTAIN):
             least, found = without, c
     return found
 

@@ -24,7 +24,7 @@ def _unknowns(count, jump=0.0, error=NONLINEAR):
 def _sensor(name, **changes):
     """A sensor without errors that last."""
     given = {
-        "name": name, "column": 0, "cables": (0,), "noise": NOISE, "scale": 10.0,
+        "name": name, "column": 0, "cables": (0,), "noise": NOISE, "scale": 10.0, "balance": 10.0,
         "accuracy": Accuracy(0.0, 0.0, 0.0, 0.0, 0.0),
     }  # fmt: skip
     return Sensor(**given | changes)

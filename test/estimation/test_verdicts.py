@@ -192,8 +192,7 @@ def test_a_wrong_scale_of_an_effort_is_answered_with_the_key_and_its_value(model
     readings[:, 0] *= -1.0
     message = report_of(heard(scaled, motion, readings)).message
     assert message.startswith("scale of effort of winch is 20")
-    value = float(message.split("effort_scale: ")[1].split()[0])
-    assert value == pytest.approx(-0.5, rel=0.05)
+    assert "if its sign is wrong, the other effort_sign mends it" in message
     assert "radius_mm" not in message, "no drum turns the other way"
     readings[:, 0] *= -0.7
     message = report_of(heard(model, motion, readings)).message
@@ -364,3 +363,12 @@ def test_a_motor_that_turns_too_far_is_said_in_place_of_what_it_looks_like(
     assert both.message == words.format(alone.message)
     assert both.level == ("error" if broken else "warn")
     assert report(model.robot, [None], "winch turns").message == "winch turns"
+
+
+def test_a_change_that_several_groups_see_is_said_once(model):
+    """A wrist through which the cables of five fingers pass."""
+    change = Change("zero of joint wrist", ZERO, "deg", 1.0, 0.1, (0,))
+    verdicts = [Verdict((Finding(change, 0.5 + 0.1 * k, 0.1, (), 9.0),)) for k in range(5)]
+    message = report(model.robot, verdicts).message
+    assert message.count("wrist") == 1
+    assert "0.5 +- 0.1" in message
