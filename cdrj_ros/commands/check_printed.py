@@ -239,7 +239,7 @@ def _effort_of(motor: Motor) -> str:
 def _slips(model: Model) -> Iterator[str]:
     """What slips of every encoder do."""
     for one in slips(model):
-        unit = "m" if one.axis in model.robot.prismatic_joints else "rad"
+        unit = model.robot.unit_of(one.axis)
         parts = []
         if one.unseen > 0.0:
             parts.append(f"up to {one.unseen:.2g} {unit} ({one.tension:.2g} N) is not seen")
@@ -256,8 +256,7 @@ def _corrections(robot: Robot) -> Iterator[str]:
         unit = "N" if one.output.startswith(TENSION) or one.output in newtons else "N m"
         ranges = []
         for name, (low, high) in one.inputs.items():
-            angle = "m" if name in robot.prismatic_joints else "rad"
-            of = unit if name == one.output else angle
+            of = unit if name == one.output else robot.unit_of(name)
             ranges.append(f"{name} {low:.4g} … {high:.4g} {of}")
         yield (
             f"{one.output}: learned correction of at most {one.bound:.2g} {unit}, standard "

@@ -65,7 +65,7 @@ def reference_at(model: Model, sample: Sample) -> Change:
     ):
         for name, angle in zip(names, angles, strict=True):
             values[f"{kind}s.{name}.reference_angle"] = float(angle)
-            words.append(f"{kind} {name} {angle + 0.0:.6g} rad")
+            words.append(f"{kind} {name} {angle + 0.0:.6g} {model.robot.unit_of(name)}")
     preloads = ", ".join(f"{c.name} {c.preload:g} N" for c in model.robot.cables)
     return Change(values, f"reference is now {', '.join(words)}; there the preloads are {preloads}")
 
@@ -250,10 +250,11 @@ class RestWatch:
             stated = 4.0 * half_width(axis.sensor)
             allowed = stated or REST_FLOOR
             if moved > 1.001 * allowed:  # whole counts, but for rounding
+                unit = robot.unit_of(axis.name)
                 key = "" if stated else ", or more with the sensor's resolution or noise stated"
                 return (
-                    f"not at rest: {axis.name} moved by {moved:.3g} rad within the last "
-                    f"{watched * 1e-9:.2g} s, where {allowed:.3g} rad is allowed{key}"
+                    f"not at rest: {axis.name} moved by {moved:.3g} {unit} within the last "
+                    f"{watched * 1e-9:.2g} s, where {allowed:.3g} {unit} is allowed{key}"
                 )
         return ""
 

@@ -92,7 +92,8 @@ def _sized(cause: str, name: str, size: float, robot: Robot) -> str:
         return f"{shown} by {abs(size):.3g} s"
     (axis,) = (one for one in robot.as_read.axes if one.name == name)
     if cause == "implausible" and isfinite(size):
-        return f"{shown} at {abs(size):.4g} rad/s, max_speed is {axis.max_speed:.4g}"
+        speed = f"{abs(size):.4g} {robot.unit_of(name)}/s"
+        return f"{shown} at {speed}, max_speed is {axis.max_speed:.4g}"
     return shown
 
 

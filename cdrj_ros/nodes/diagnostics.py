@@ -124,7 +124,9 @@ def _sensors(live: LiveEstimator) -> dict[str, float]:
 
 
 def _steps(live: LiveEstimator) -> list[str]:
-    return [f"{name} by {by:.3g} rad" for name, by in live.conditioner.displaced.items()]
+    robot = live.model.robot
+    by = live.conditioner.displaced.items()
+    return [f"{name} by {size:.3g} {robot.unit_of(name)}" for name, size in by]
 
 
 def _unread(live: LiveEstimator) -> list[str]:

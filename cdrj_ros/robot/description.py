@@ -432,6 +432,10 @@ class Robot:
             if frame.motion == "prismatic" and frame.joint and not frame.coupled
         )
 
+    def unit_of(self, axis: str) -> str:
+        """Unit of the angle of a motor or joint, or of its position."""
+        return "m" if axis in self.prismatic_joints else "rad"
+
     @property
     def axes(self) -> tuple[Motor | Joint, ...]:
         """All motors, followed by all joints."""

@@ -9,7 +9,7 @@ from support.campaign import CELL
 from support.places import ROBOT
 
 from cdrj_ros.estimation import state_file
-from cdrj_ros.estimation.changes import REST_STEP_NS, RestWatch
+from cdrj_ros.estimation.changes import REST_STEP_NS, RestWatch, reference_at
 from cdrj_ros.estimation.estimator import Sample, Samples, initial_state, run
 from cdrj_ros.estimation.sensors import Reading
 from cdrj_ros.estimation.session import LiveEstimator, Options
@@ -31,6 +31,17 @@ def _sample(readings, k):
     return Sample(
         int(readings.stamp_ns[k]), readings.motor_angle[k].copy(), readings.joint_angle[k].copy()
     )
+
+
+def test_positions_of_a_joint_that_slides_are_told_in_metres():
+    hoist = load_model("hoist")
+    samples = [Sample(k * REST_STEP_NS, np.zeros(1), np.array([0.001 * k])) for k in range(100)]
+    words = reference_at(hoist, samples[9]).words
+    assert words.startswith("reference is now motor winch 0 rad, joint load 0.009 m;")
+    said = RestWatch(samples).in_motion(hoist.robot)
+    assert said.startswith("not at rest: load moved by ")
+    assert said.count(" m ") == 2
+    assert " rad" not in said
 
 
 def test_late_load_cell_readings_are_compared_with_the_estimate_of_their_time(model, readings):
