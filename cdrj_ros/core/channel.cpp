@@ -57,8 +57,9 @@ double level(double value) {
 void Lag::meet(std::size_t axis, Nanoseconds stamp_ns) {
     if (others_.size() <= axis) others_.resize(axis + 1);
     Other& other = others_[axis];
-    const bool has_gap = stamp_ns - other.newest_ns > MAX_GAP_NS;  // or another time, or no reading so far
-    if (has_gap) other.heard_ns = stamp_ns - std::max<Nanoseconds>(other.newest_ns - other.heard_ns, 0);
+    if (std::exchange(other.since, heard_) != heard_) other.heard_ns = other.newest_ns;
+    const Nanoseconds passed_ns = stamp_ns - other.newest_ns;
+    if (passed_ns > MAX_GAP_NS) other.heard_ns += passed_ns;  // a gap, another time, or the first reading
     silent_ns = std::max(silent_ns, stamp_ns - other.heard_ns);
     other.newest_ns = stamp_ns;
     other.is_new = true;
@@ -103,7 +104,7 @@ void Lag::take(Nanoseconds stamp_ns) {
     }
     begin_ns_ = stamp_ns;
     least_ns_ = EVER_NS;
-    for (Other& other : others_) other = {other.newest_ns, other.heard_ns};
+    for (Other& other : others_) other = {other.newest_ns, other.heard_ns, other.since};
     count_ = 0;
 }
 
@@ -115,11 +116,6 @@ void Arrivals::take(Nanoseconds arrival_ns) {
     if (before_ns < 0) return;
     const double difference = std::abs(interval_ns - before_ns) * 1e-9;
     uneven_ = std::max(difference, uneven_ * std::exp(-interval_ns * 1e-9 / UNEVEN_FADES));
-}
-
-void Lag::hear() {
-    silent_ns = 0;
-    for (Other& other : others_) other.heard_ns = other.newest_ns;
 }
 
 double Arrivals::stddev() const {

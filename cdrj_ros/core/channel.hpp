@@ -89,13 +89,17 @@ struct Lag {
     void take(Nanoseconds stamp_ns);
 
     /// Notes that a reading of this axis is accepted.
-    void hear();
+    void hear() {
+        silent_ns = 0;
+        ++heard_;
+    }
 
 private:
     /// Another axis.
     struct Other {
         Nanoseconds newest_ns = -1;       // its newest stamp
-        Nanoseconds heard_ns = -1;        // that stamp when this axis was heard, as if it had had no gap since
+        Nanoseconds heard_ns = -1;        // that when this axis was last heard, as if there had been no gap since
+        std::int64_t since = -1;          // number of that reading
         bool is_new = false;              // whether it has arrived since the last reading of this axis
         // In the window in progress:
         Nanoseconds least_ns = EVER_NS;  // from a stamp of this axis to its next one
@@ -103,6 +107,7 @@ private:
     };
 
     std::vector<Other> others_;
+    std::int64_t heard_ = 0;          // number of accepted readings
     Nanoseconds last_ns_ = -1;        // the last stamp of this axis
     Nanoseconds begin_ns_ = -1;       // of the window in progress
     Nanoseconds least_ns_ = EVER_NS;  // lag in it

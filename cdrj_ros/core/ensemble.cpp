@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <ranges>
 #include <utility>
 
 namespace cdrj {
@@ -205,11 +206,7 @@ void Ensemble::begin(const SampleView& sample, std::span<const double> estimate)
         for (const Walk* one : {&parts_, &at_once_, &in_turn_}) walk(*one, before);
     }
     std::ranges::copy(angle_, memory.angle.begin());
-    for (std::size_t a = 0; a < axes(); ++a) {
-        const auto& own = robot_.topology.paths->cables_of_axis[a];
-        const auto is_known = [&](Index c) { return memory.unsolved[c] < UNREAD_AXIS; };
-        if (!std::isnan(angle_[a]) && std::ranges::all_of(own, is_known)) memory.known_angle[a] = angle_[a];
-    }
+    note_known();
     std::ranges::copy(unseen_, memory.unseen.begin());
 }
 
@@ -229,6 +226,18 @@ void Ensemble::take_angles(const SampleView& sample) {
     if (sample.unseen.empty()) return;
     std::ranges::copy(sample.unseen.first(axes()), unseen_.begin());
     std::ranges::copy(sample.unseen.last(axes()), midway_.begin());
+}
+
+/// Remember the angles of axes that are read with all other axes of their cables.
+void Ensemble::note_known() {
+    const auto is_known = [&](Index c) { return memory.unsolved[c] < UNREAD_AXIS; };
+    const bool whole = std::ranges::all_of(std::views::iota(Index{0}, cables()), is_known);
+    for (std::size_t a = 0; a < axes(); ++a) {
+        if (std::isnan(angle_[a])) continue;
+        if (whole || std::ranges::all_of(robot_.topology.paths->cables_of_axis[a], is_known)) {
+            memory.known_angle[a] = angle_[a];
+        }
+    }
 }
 
 /// Count every axis's intervals without readings.

@@ -236,6 +236,7 @@ private:
     bool is_read(Index cable) const;
     bool has_moved(Index cable) const;
     void note_unsolved(Index cable);
+    void note_known();
     bool slips_on(Index cable, double way, Nanoseconds before) const;
     void walk(const Walk& walk, Nanoseconds before);
     bool takes_part(Index member, Nanoseconds before) const;

@@ -204,20 +204,23 @@ std::vector<Sample> TimeLine::samples(Axes axes, Channels channels) {
 ///
 /// All are awaited unless some cable can go on without those that are silent.
 Nanoseconds TimeLine::await(Channels channels) {
+    const auto speaks = [&](std::size_t k) {
+        return channels[k].lag.silent_ns <= channels[k].awaited_ns();
+    };
     awaited_.clear();
-    for (const Channel& channel : channels) {
-        awaited_.push_back(channel.lag.silent_ns <= channel.awaited_ns());
+    Nanoseconds until_ns = EVER_NS, spoken_ns = EVER_NS;
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        until_ns = std::min(until_ns, channels[k].last_ns);
+        if (speaks(k)) spoken_ns = std::min(spoken_ns, channels[k].last_ns);
     }
+    if (spoken_ns == until_ns) return until_ns;  // nobody waits for another one
     const bool goes_on = std::ranges::any_of(cables_, [&](const auto& own) {
         return std::ranges::all_of(
-            own, [&](std::size_t k) { return awaited_[k] && channels[k].last_ns >= 0; });
+            own, [&](std::size_t k) { return speaks(k) && channels[k].last_ns >= 0; });
     });
-    Nanoseconds until_ns = EVER_NS;
-    for (std::size_t k = 0; k < channels.size(); ++k) {
-        awaited_[k] = awaited_[k] || !goes_on;
-        if (awaited_[k]) until_ns = std::min(until_ns, channels[k].last_ns);
-    }
-    return until_ns;
+    if (!goes_on) return until_ns;
+    for (std::size_t k = 0; k < channels.size(); ++k) awaited_.push_back(speaks(k));
+    return spoken_ns;
 }
 
 /// Whether angles tell something of a cable.
@@ -246,16 +249,19 @@ void TimeLine::interpolate(
                 break;
             }
         }
-        bool curved = false;
+        bool curved = false, whole = true;
         for (std::size_t k = 0; k < channels.size(); ++k) {
             sample.angle[k] = interpolated(channels[k], sample.stamp_ns);
-            if (std::isnan(sample.angle[k])) continue;
+            if (std::isnan(sample.angle[k])) {
+                whole = false;
+                continue;
+            }
             const Reading& reading = reached(channels[k], sample.stamp_ns);
             curved = curved || reading.curvature != 0.0;
             const bool was_away = std::exchange(channels[k].was_away, false);
             if (reading.after_gap || was_away) set(sample.after_gap, k, channels.size());
         }
-        if (!tells(sample.angle)) {
+        if (!whole && !tells(sample.angle)) {
             passed_over_ns_ = last_ns = sample.stamp_ns;
             continue;
         }

@@ -79,7 +79,7 @@ private:
     std::vector<bool> doubtful_at(Nanoseconds stamp_ns, Channels channels) const;
 
     std::vector<std::vector<std::size_t>> cables_;
-    std::vector<bool> awaited_;        // of every channel, see `await`
+    std::vector<bool> awaited_;        // of every channel, see `await`; empty where all are
     bool predict_;
     Nanoseconds horizon_ns_;
     std::vector<Doubt> doubts_;

@@ -353,10 +353,11 @@ class LiveEstimator:
         if self.corrections is None and self.readings.heard:
             self.begin_corrections()
         self.state, estimate = self.ensemble.step(self.state, sample)
-        if estimate.solved and not sample.after_gap.size:
-            self._unseen.known = estimate.tension.copy()
-        else:
+        if sample.after_gap.size or not estimate.solved:
             self._unseen.note(sample.after_gap, estimate.tension[None], estimate.status[None])
+        else:  # which only corrections change
+            tension = estimate.tension
+            self._unseen.known = tension if self.corrections is None else tension.copy()
         return estimate
 
     def _step_encoderless(self, encoderless: LiveEncoderless, sample: Sample) -> Estimate:
