@@ -131,7 +131,7 @@ def _steps(live: LiveEstimator) -> list[str]:
 
 def _unread(live: LiveEstimator) -> list[str]:
     silent = live.conditioner.silent
-    return [f"{name} for {silent_ns * 1e-9:.3g} s" for name, silent_ns in silent.items()]
+    return [f"{name} for {silent_ns * 1e-9:.1f} s" for name, silent_ns in silent.items()]
 
 
 def _lags(live: LiveEstimator) -> list[str]:

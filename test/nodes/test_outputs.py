@@ -4,14 +4,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from cdrj_msgs.msg import CableTensions, NodalForces
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
-from support.estimators import JOINT, MOTOR, ROBOT, expected, feed, sample_at, tensions
+from support.estimators import (
+    BEGIN,
+    JOINT,
+    MILLISECOND,
+    MOTOR,
+    ROBOT,
+    diagnosed,
+    expected,
+    feed,
+    sample_at,
+    tensions,
+    values_of,
+)
+from support.fingers import finger, hand
 from support.places import ROBOTS
 
 from cdrj_ros.messages.cdr import JOINT_STATE, read_layout
-from cdrj_ros.messages.templates import marked_stale
+from cdrj_ros.messages.templates import Template, marked_stale
+from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.packing import INVALID
 from cdrj_ros.model.prepared import load_model
 
@@ -118,3 +134,39 @@ def test_a_maximum_rate_omits_messages_and_changes_no_bit(bench):
         assert np.array_equal(one.stddev, same.stddev)
     last = everything.latest
     assert np.array_equal(slow.latest.values, last.values)
+
+
+def test_a_silent_axis_takes_its_cables_away_on_every_topic_and_is_named(bench, tmp_path):
+    """What has no status leaves them out."""
+    path = tmp_path / "hand.yaml"
+    path.write_text(yaml.safe_dump(dict(hand(finger("a"), finger("b")).document)), encoding="utf-8")
+    estimator = bench.estimator(robot=str(path))
+    states = bench.listen(JointState, "/cdrj/tension_states")
+    answers = bench.listen(CableTensions, "/cdrj/tensions")
+    efforts = bench.listen(JointState, "/cdrj/efforts")
+    assert bench.until(lambda: estimator.outputs.states_wanted)
+    model = estimator.live.model
+    motor, joint, some = (
+        Template(JOINT_STATE, names, ("position",))
+        for names in (model.layout.motors, model.layout.joints, ("a_mcp", "a_pip", "b_pip"))
+    )
+    for k in range(0, 1500, 5):
+        angle = np.full((1, 4), 0.3 + 0.2 * np.sin(0.003 * k))
+        stamp = BEGIN + k * MILLISECOND
+        estimator.motor(motor.encode(stamp, position=following_motors(model, angle)[0]))
+        if k < 1000:
+            estimator.joint(joint.encode(stamp, position=angle[0]))
+        else:
+            estimator.joint(some.encode(stamp, position=angle[0, :3]))
+    assert bench.until(lambda: len(answers) == len(efforts) == len(states) == 300)
+    last = zip(answers[-1].name, answers[-1].status, strict=True)
+    known = [name for name, status in last if not status & CableTensions.STALE]
+    assert known == [name for name in model.layout.elements if name.startswith("a_")]
+    assert states[-1].name == known
+    assert efforts[-1].name == ["a_motor0", "a_motor1", "a_mcp", "a_pip"]
+    assert len(efforts[-1].effort) == 4
+    assert len(efforts[0].effort) == 8
+    found, *_ = diagnosed(estimator)
+    assert found.level == DiagnosticStatus.ERROR
+    assert "no reading accepted of b_mcp for 0.5 s" in found.message
+    assert values_of(found)["axes not read"] == "b_mcp for 0.5 s"
