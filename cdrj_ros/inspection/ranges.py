@@ -17,13 +17,7 @@ from cdrj_ros._core import Stribeck, blended_loss
 from cdrj_ros.foundation.arrays import Matrix, Table, Vector
 from cdrj_ros.inspection.poses import visited_poses
 from cdrj_ros.model.following import followed_by, stiffness_at_preload, whole_lengths
-from cdrj_ros.model.laws import (
-    RIGID_BRISTLE,
-    bearing_drag,
-    elasticity_of,
-    friction_numbers,
-    secant_at,
-)
+from cdrj_ros.model.laws import elasticity_of, friction_numbers, secant_at
 from cdrj_ros.model.prepared import Course, Model, course_of, prepare
 from cdrj_ros.robot.description import Cable, Robot, Winch, friction_law, turns_of
 from cdrj_ros.robot.groups import connected_cables, joints_of
@@ -305,9 +299,7 @@ def _worst(cable: Cable, eta: NDArray[np.float64], followed: Vector) -> Vector:
     """Tension at node 1 when every pulley has to slip towards it [N], shape (poses,)."""
     worst = followed
     for p in reversed(range(len(cable.pulleys))):  # each pulley adds its loss
-        drag = 0.0
-        if friction_law(cable.law).bearing:
-            drag = bearing_drag(cable.pulleys[p])
+        drag = friction_numbers(cable.pulleys[p], friction_law(cable.law))["drag"]
         worst = worst / eta[:, p, 0] + np.where(worst > 0.0, drag, 0.0)
     return worst
 
@@ -317,9 +309,7 @@ def _travel_to_slip(cable: Cable, p: int, eta: Vector, tension: Vector) -> float
     law = friction_law(cable.law)
     if not law.sliding:
         return 0.0
-    stiffness = cable.pulleys[p].friction.bristle_stiffness
-    if not law.bristles:
-        stiffness = RIGID_BRISTLE
+    stiffness = friction_numbers(cable.pulleys[p], law)["bristle_stiffness"]
     return float(np.max(2.0 * (1.0 - eta) * tension)) / stiffness
 
 

@@ -135,7 +135,7 @@ def friction_numbers(pulley: Pulley, law: FrictionLaw) -> dict[str, float]:
         "stribeck_speed": friction.stribeck_speed or NEVER_SLIDES,
         "stribeck_lag": friction.stribeck_lag,
         "bearing_ratio": bearing_ratio(pulley),
-        "drag": bearing_drag(pulley) if law.bearing else 0.0,
+        "drag": pulley.bearing_torque / pulley.radius if law.bearing and pulley.radius else 0.0,
         "bristle_stiffness": RIGID_BRISTLE if rigid else friction.bristle_stiffness,
         "bristle_damping": 0.0 if rigid else friction.bristle_damping,
         "viscous": 0.0 if rigid else friction.viscous,
@@ -148,11 +148,6 @@ def bearing_ratio(pulley: Pulley) -> float:
     if not pulley.radius:  # an eyelet or a sheath
         return 0.0
     return pulley.friction.bearing_friction * pulley.bearing_diameter / pulley.radius
-
-
-def bearing_drag(pulley: Pulley) -> float:
-    """Friction force of the bearing without load, at the cable [N]."""
-    return pulley.bearing_torque / pulley.radius if pulley.radius else 0.0
 
 
 def contact_cells(pulley: Pulley) -> int:
