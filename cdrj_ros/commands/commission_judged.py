@@ -25,9 +25,8 @@ from cdrj_ros.identification.observations import Recorded
 from cdrj_ros.identification.parts import parts_of
 from cdrj_ros.inspection.shares import sweep
 from cdrj_ros.model.packing import EFFORT, OK, TENSION, channel_columns
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.groups import connected_cables, part_of
-from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.model.prepared import Model, of_cables
+from cdrj_ros.robot.groups import connected_cables
 from cdrj_ros.simulation.sensors import reading_of
 
 SAMPLE_NS: Final = 20_000_000
@@ -83,9 +82,7 @@ def judged(
     share = dict[str, float]()
     with ProgressBar("judging", len(groups)) as progress:
         for group in groups:
-            own = model
-            if len(groups) > 1:
-                own = prepare(build_robot(part_of(robot, group), robot.source), check_range=False)
+            own = of_cables(model, group)
             read = {name: efforts[name] for name in own.layout.motors if name in efforts}
             known, deviation = _estimated(own, read, between)
             ok.append(known)

@@ -25,6 +25,7 @@ from cdrj_ros.robot.description import Joint, Robot, Uncertainty
 from cdrj_ros.robot.groups import Owners, connected_cables
 from cdrj_ros.robot.parameters import Number, find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.robot.stated import related
 from cdrj_ros.robot.tolerances import within_range
 
 Made = TypeVar("Made")
@@ -357,27 +358,15 @@ def paired(half: Table) -> Table:
 
 def independent_causes(known: Uncertainty) -> list[Cause]:
     """Causes whose squared factors add up to the covariance, those of stated numbers first."""
-    size, stated = len(known.parameters), known.stated
-    causes = [one for block in _blocks(known, 0, stated) for one in _causes(known, block)]
+
+    def among(begin: int, end: int) -> list[Cause]:
+        blocks = related(known.covariance[begin:end, begin:end])
+        return [one for block in blocks for one in _causes(known, begin + np.array(block))]
+
+    causes = among(0, known.stated)
     # smallest first, whatever the order in the file
     causes.sort(key=lambda one: float((one.factor**2).sum()))
-    return causes + [one for block in _blocks(known, stated, size) for one in _causes(known, block)]
-
-
-def _blocks(known: Uncertainty, begin: int, end: int) -> Iterator[NDArray[np.intp]]:
-    """Indices of the numbers from ``begin`` to ``end`` in sets that are not correlated."""
-    linked = known.covariance[begin:end, begin:end] != 0.0
-    left = np.ones(end - begin, dtype=np.bool_)
-    for start in range(end - begin):
-        if not left[start]:
-            continue
-        left[start] = False
-        block = [start]
-        for k in block:  # which grows
-            more = np.flatnonzero(linked[k] & left)
-            left[more] = False
-            block += more.tolist()
-        yield begin + np.sort(block)
+    return causes + among(known.stated, len(known.parameters))
 
 
 def _causes(known: Uncertainty, block: NDArray[np.intp]) -> Iterator[Cause]:

@@ -18,9 +18,8 @@ from cdrj_ros.estimation.unknowns import ALIKE, PRELOAD, SLIP, signatures_of, un
 from cdrj_ros.estimation.verdicts import Heard, Verdict, judge
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.model.packing import INVALID, stddev_places
-from cdrj_ros.model.prepared import Model, prepare
-from cdrj_ros.robot.groups import joints_of, part_of
-from cdrj_ros.robot.reader import build_robot
+from cdrj_ros.model.prepared import Model, of_cables
+from cdrj_ros.robot.groups import joints_of
 
 HISTORY_NS: Final = 200_000_000
 """Maximum age of a reading [ns]."""
@@ -82,7 +81,7 @@ class Group:
             cables: numbers of the group's.
             changed: numbers of the file that were measured at run time, see ``narrowed``.
         """
-        own = _of_cables(model, cables)
+        own = of_cables(model, cables)
         layout = model.layout
         self._motors = [layout.motors.index(name) for name in own.layout.motors]
         self._joints = [layout.joints.index(name) for name in own.layout.joints]
@@ -363,14 +362,6 @@ class Group:
         if not (np.isfinite(slipped).all() and (slipped >= 0.0).all()):
             raise ValueError("what has slipped is negative or infinite")
         self.beliefs.core.widen(slipped)
-
-
-def _of_cables(model: Model, cables: Sequence[int]) -> Model:
-    """The robot with some of its cables only, and the axes that move them."""
-    robot = model.robot
-    if len(cables) == len(robot.cables):
-        return model
-    return prepare(build_robot(part_of(robot, cables), robot.source), check_range=False)
 
 
 def _columns_in(model: Model, own: Model) -> NDArray[np.int64]:

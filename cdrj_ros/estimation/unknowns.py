@@ -17,8 +17,9 @@ change, most likely far smaller, and sometimes sudden.  See docs/estimation.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from math import degrees, inf, radians
 from typing import Any, Final, NamedTuple
@@ -30,10 +31,11 @@ from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.laws import with_pulleys
 from cdrj_ros.model.packing import constant_views
 from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, shape_at
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
-from cdrj_ros.robot.description import Cable, PassiveTorque, Pulley, Uncertainty, Winch
+from cdrj_ros.robot.description import Cable, PassiveTorque, Pulley, Robot, Uncertainty, Winch
 from cdrj_ros.robot.groups import Owners
 from cdrj_ros.robot.parameters import find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
@@ -326,13 +328,28 @@ def _changes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
     """What may have changed of every cable, of all, of every joint and of every axis."""
     robot, same = model.robot, _same(model)
 
-    def with_cables(change: Callable[[Cable, float], Cable], units: float) -> Changed:
-        cables = tuple(change(cable, units) for cable in robot.cables)
-        return _same(prepare(replace(robot, cables=cables), check_range=False))
+    def made(changed: Robot) -> Changed:
+        return _same(prepare(changed, check_range=False))
 
-    preloads = with_cables(_preloaded, 1.0), with_cables(_preloaded, -1.0)
-    rubbing = with_cables(_rubbing, 1.0), with_cables(_rubbing, -1.0)
-    dragging = with_cables(_dragging, 2.0), same
+    def with_preloads(units: float) -> Changed:
+        more = [units * PRELOAD.unit * preload_of(cable) for cable in robot.cables]
+        pairs = zip(robot.cables, more, strict=True)
+        cables = (replace(one, preload=max(one.preload + by, 0.0)) for one, by in pairs)
+        return made(replace(robot, cables=tuple(cables)))
+
+    def rubs(factor: float, _cable: Cable, pulley: Pulley, _: int) -> Pulley:
+        own = pulley.friction
+        scaled = replace(own, mu_c=factor * own.mu_c, mu_s=factor * own.mu_s)
+        return replace(pulley, friction=scaled)
+
+    def drags(cable: Cable, pulley: Pulley, _: int) -> Pulley:
+        torque = 2.0 * DRAG.unit * preload_of(cable) * pulley.radius
+        return replace(pulley, bearing_torque=pulley.bearing_torque + torque)
+
+    preloads = with_preloads(1.0), with_preloads(-1.0)
+    rough, smooth = (partial(rubs, 1.0 + units * FRICTION.unit) for units in (1.0, -1.0))
+    rubbing = made(with_pulleys(robot, rough)), made(with_pulleys(robot, smooth))
+    dragging = made(with_pulleys(robot, drags)), same
     slipping = same._replace(slipping=True), same
     yield _unknown(ALIKE, "", *preloads)
     for c, cable in enumerate(robot.cables):
@@ -399,36 +416,3 @@ def _of_axes(model: Model, known: Uncertainty | None) -> Iterator[Unknown]:
         unit = AXIS.unit * scale
         kind = AXIS._replace(start=float(stated.get(path, size)) / unit, lowest=-stated_size / unit)
         yield _unknown(kind, axis.name, more, same, len(robot.cables) + a, scale)
-
-
-def _preloaded(cable: Cable, units: float) -> Cable:
-    """A cable with its preload changed."""
-    changed = cable.preload + units * PRELOAD.unit * preload_of(cable)
-    return replace(cable, preload=max(changed, 0.0))
-
-
-def _rubbing(cable: Cable, units: float) -> Cable:
-    """A cable with its coefficients of friction changed."""
-    factor = 1.0 + units * FRICTION.unit
-
-    def of(pulley: Pulley) -> Pulley:
-        own = pulley.friction
-        scaled = replace(own, mu_c=factor * own.mu_c, mu_s=factor * own.mu_s)
-        return replace(pulley, friction=scaled)
-
-    return _each_pulley(cable, of)
-
-
-def _dragging(cable: Cable, units: float) -> Cable:
-    """A cable whose pulleys turn harder, whatever it carries."""
-    force = units * DRAG.unit * preload_of(cable)
-
-    def of(pulley: Pulley) -> Pulley:
-        return replace(pulley, bearing_torque=pulley.bearing_torque + force * pulley.radius)
-
-    return _each_pulley(cable, of)
-
-
-def _each_pulley(cable: Cable, changed: Callable[[Pulley], Pulley]) -> Cable:
-    nodes = tuple(changed(node) if isinstance(node, Pulley) else node for node in cable.nodes)
-    return replace(cable, nodes=nodes)

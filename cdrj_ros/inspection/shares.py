@@ -17,8 +17,8 @@ from cdrj_ros import _core
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
 from cdrj_ros.model.following import following_motors
-from cdrj_ros.model.prepared import Model, mover_of, prepare
-from cdrj_ros.robot.groups import connected_cables, part_of
+from cdrj_ros.model.prepared import Model, mover_of, of_cables, prepare
+from cdrj_ros.robot.groups import connected_cables
 from cdrj_ros.robot.parameters import find_number, with_numbers
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.stated import with_covariance
@@ -82,8 +82,7 @@ def uncertainty_shares(model: Model) -> Shares | None:
     variance = np.zeros(len(model.layout.elements))
     found: dict[tuple[str, str], Vector] = {}
     for group in groups:
-        part = prepare(build_robot(part_of(robot, group), robot.source), check_range=False)
-        shares = _shares_of(part)
+        shares = _shares_of(of_cables(model, group))
         if shares is None:
             return None
         own = np.concatenate([np.r_[robot.parts[c]] for c in group])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +27,7 @@ from cdrj_ros.model.packing import (
     topology_views,
 )
 from cdrj_ros.robot.description import Robot, Winch
+from cdrj_ros.robot.groups import part_of
 from cdrj_ros.robot.reader import build_robot, load_robot
 
 RANGE_CHECKS: Final = 41
@@ -112,6 +113,14 @@ def prepare(robot: Robot, check_range: bool = True) -> Model:
         _check_range(model)
     model.constants.flags.writeable = False
     return model
+
+
+def of_cables(model: Model, cables: Collection[int]) -> Model:
+    """The robot with some of its cables only, and the axes that move them; with all, itself."""
+    robot = model.robot
+    if len(cables) == len(robot.cables):
+        return model
+    return prepare(build_robot(part_of(robot, cables), robot.source), check_range=False)
 
 
 def mover_of(model: Model) -> Callable[[Mapping[str, float]], Model | None]:

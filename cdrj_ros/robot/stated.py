@@ -64,10 +64,17 @@ def joined(parts: Sequence[StatedNumbers]) -> StatedNumbers:
 
 def related(correlation: Table, negligible: float = 0.0) -> list[list[int]]:
     """Indices of numbers in groups without any more correlation between them."""
-    from scipy.sparse.csgraph import connected_components
-
-    count, label = connected_components(np.abs(correlation) > negligible, directed=False)
-    return [np.flatnonzero(label == k).tolist() for k in range(count)]
+    linked = (correlation > negligible) | (correlation < -negligible)
+    left, groups = np.ones(len(linked), dtype=np.bool_), list[list[int]]()
+    for start in range(len(linked)):
+        if left[start]:
+            left[start] = False
+            groups.append(group := [start])
+            for k in group:  # which grows
+                more = np.flatnonzero(linked[k] & left)
+                left[more] = False
+                group += more.tolist()
+    return [sorted(group) for group in groups]
 
 
 def stated_numbers(entry: Mapping[str, Any]) -> StatedNumbers:
