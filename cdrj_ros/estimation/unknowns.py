@@ -37,7 +37,7 @@ from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, 
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Cable, PassiveTorque, Pulley, Robot, Uncertainty, Winch
 from cdrj_ros.robot.groups import Owners
-from cdrj_ros.robot.parameters import find_number, writer_of
+from cdrj_ros.robot.parameters import Number, find_number, writer_of
 from cdrj_ros.robot.reader import build_robot
 from cdrj_ros.robot.tolerances import within_range
 
@@ -190,9 +190,10 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
     changes = list(_changes(model, known))
     if known is None or not known.parameters or not model.robot.document:
         return changes, np.empty((0, 0))
-    shapes, only = _modes(model, known)
-    more = _ends(model, known, shapes, only)
-    less = _ends(model, known, -shapes, only)
+    numbers = [find_number(model.robot.document, path) for path in known.parameters]
+    shapes, only = _modes(model, known, numbers)
+    more = _ends(model, numbers, shapes, only)
+    less = _ends(model, numbers, -shapes, only)
     modes = [Unknown(MODE, "", 1.0, *ends) for ends in zip(more, less, only, strict=True)]
     return modes + changes, shapes
 
@@ -218,7 +219,7 @@ def _same(model: Model) -> Changed:
 # --- modes of the file's numbers ------------------------------------------------------------------
 
 
-def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int]]:
+def _modes(model: Model, known: Uncertainty, numbers: Sequence[Number]) -> tuple[Table, list[int]]:
     """F W of (B1) for the modes of at least ``LEAST``, and the only cable that each changes."""
     causes = independent_causes(known)
     factor = np.zeros((len(known.parameters), len(causes)))
@@ -228,7 +229,7 @@ def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int]]:
     owners = Owners(model.robot, tuple((c,) for c in every))
     cables = [owners.group_of_all(known.parameters[k] for k in one.numbers) for one in causes]
     only = [-1 if c is None else c for c in cables]
-    effects = _effects(model, _ends(model, known, SMALL * factor, only), only) / SMALL
+    effects = _effects(model, _ends(model, numbers, SMALL * factor, only), only) / SMALL
     shapes, found = [np.empty((len(factor), 0))], list[int]()
     for cable in (*every, -1):
         own = [k for k, other in enumerate(only) if other == cable]
@@ -238,12 +239,14 @@ def _modes(model: Model, known: Uncertainty) -> tuple[Table, list[int]]:
     return np.concatenate(shapes, axis=1), found
 
 
-def _ends(model: Model, known: Uncertainty, changes: Table, only: Sequence[int]) -> list[Changed]:
+def _ends(
+    model: Model, uncertain: Sequence[Number], changes: Table, only: Sequence[int]
+) -> list[Changed]:
     """Robots with other numbers; changes of one cable each share a robot.
 
     Args:
         model: the robot.
-        known: with the paths of the numbers.
+        uncertain: its file's numbers.
         changes: of them, shape (numbers, changes) [SI].
         only: the only cable that every change concerns; -1 for several.
 
@@ -251,7 +254,6 @@ def _ends(model: Model, known: Uncertainty, changes: Table, only: Sequence[int])
         One for every change; the unchanged one where no robot can have it.
     """
     given: Any = model.robot.document
-    uncertain = [find_number(given, path) for path in known.parameters]
     write = writer_of({**given, "uncertainty": {"others": "exact"}}, uncertain)
 
     together, same = _together(only), _same(model)
@@ -265,7 +267,7 @@ def _ends(model: Model, known: Uncertainty, changes: Table, only: Sequence[int])
             ends = [Changed(prepare(other, check_range=False), shift)] * len(some)
         except CdrjError:  # most of them are possible alone
             alone = len(some) > 1
-            ends = _ends(model, known, changes[:, some], [-1] * len(some)) if alone else [same]
+            ends = _ends(model, uncertain, changes[:, some], [-1] * len(some)) if alone else [same]
         for k, end in zip(some, ends, strict=True):
             found[k] = end
     return found
