@@ -18,7 +18,7 @@ from cdrj_ros.commands.commission_steps import Commissioned, begin, provenance
 from cdrj_ros.commands.entry import DONE, CommandParser, run_command
 from cdrj_ros.commands.shared import add_channel_options, channels_of
 from cdrj_ros.evaluation.inputs import condition_recording, doubts_of, read_inputs
-from cdrj_ros.foundation.errors import UsageError
+from cdrj_ros.foundation.errors import CdrjError, UsageError
 from cdrj_ros.foundation.files import check_outputs, write_text
 from cdrj_ros.foundation.output import say
 from cdrj_ros.identification.fit import lacking, sentences
@@ -111,23 +111,10 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     known = judged(now.model, now.heard, now.interval_ns)
     say(f"new file: {words_of(known)}")
     topics = channels_of(arguments)
-    for name, step in STEPS.items():
-        given = getattr(arguments, name)
-        if not given and not arguments.yes:
-            if name in ("motion", "cells"):
-                say(f"the next step would bring: {words_of(foretold(now, name))}")
-            given = _asked_for(now, name, live=record is not None and step.live_s > 0.0)
-        if not given:
+    for name in STEPS:
+        before, now = now, _answered(now, name, arguments, topics, record)
+        if now is before:
             continue
-        if step.live_s:
-            on = name == "rest" and not arguments.yes
-            given = [_bag(one, name, arguments.out, topics, record, on) for one in given]
-        before, now = now, now.also(**{name: _measured(now, name, given, topics)})
-        if name in ("motion", "cells") and (pair := swapped(now)):
-            raise UsageError(
-                f"the spring scale's readings of {' and '.join(pair)} fit the recordings only the "
-                "other way round: exchange them"
-            )
         known = judged(now.model, now.heard, now.interval_ns)
         for note in (*unlikely(before, now), *_notes(now)):
             say(f"note: {note}")
@@ -137,6 +124,48 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
     say_cables(known)
     say(f"out: {arguments.out}")
     return DONE
+
+
+def _answered(
+    now: Commissioned,
+    name: str,
+    arguments: argparse.Namespace,
+    topics: Topics | Columns,
+    record: Record | None,
+) -> Commissioned:
+    """The file after a step, or as it was; an answer that is refused is asked for again."""
+    given, live = getattr(arguments, name), STEPS[name].live_s > 0.0
+    if given or arguments.yes:
+        return _after(now, name, given, arguments, topics, record) if given else now
+    if name in ("motion", "cells"):
+        say(f"the next step would bring: {words_of(foretold(now, name))}")
+    while given := _asked_for(now, name, live=record is not None and live):
+        try:
+            return _after(now, name, given, arguments, topics, record)
+        except CdrjError as error:
+            say(f"refused: {error}")
+    return now
+
+
+def _after(
+    now: Commissioned,
+    name: str,
+    given: Sequence[str],
+    arguments: argparse.Namespace,
+    topics: Topics | Columns,
+    record: Record | None,
+) -> Commissioned:
+    """The file after a step with some measurements."""
+    if STEPS[name].live_s:
+        on = name == "rest" and not arguments.yes
+        given = [_bag(one, name, arguments.out, topics, record, on) for one in given]
+    found = now.also(**{name: _measured(now, name, given, topics)})
+    if name in ("motion", "cells") and (pair := swapped(found)):
+        raise UsageError(
+            f"the spring scale's readings of {' and '.join(pair)} fit the recordings only the "
+            "other way round: exchange them"
+        )
+    return found
 
 
 def _notes(now: Commissioned) -> Iterator[str]:

@@ -223,6 +223,11 @@ def _radii(robot: Robot, diameters: Mapping[str, float]) -> dict[str, float]:
     """
     document = dict(robot.document)
     drums = drum_radii(document)
+    for several in [
+        name for name in drums if " and " in name
+    ]:  # any of its motors may stand for it
+        for one in several.split(" and "):
+            drums.setdefault(one, drums[several])
     diameters = {known_name(name, drums, document): size for name, size in diameters.items()}
     if unknown := [name for name in diameters if name not in drums]:
         raise UsageError(f"there is no drum of {unknown[0]!r}; there are {', '.join(drums)}")

@@ -193,6 +193,24 @@ def test_a_measurement_that_is_none_is_refused_in_one_line(tmp_path, capsys):
         assert words in capsys.readouterr().err
 
 
+def test_an_answer_that_is_refused_is_asked_for_again(tmp_path, capsys, monkeypatch):
+    """The measurements before it are kept; a drum that two motors turn is named by one of them."""
+    turned = with_section(PROTOTYPE.read_text("utf-8"), "uncertainty", None)
+    turned = turned.replace("motor: winch", "motor: {winch: 0.5, second: 0.5}")
+    turned = turned.replace("motors:\n", "motors:\n  - {name: second}\n", 1)
+    robot, out = tmp_path / "robot.yaml", tmp_path / "out.yaml"
+    robot.write_text(turned, "utf-8")
+    answers = iter(["nowhere", "", "upper=36,lowr=26", "upper=36,lower=26", "second=30.4", "", ""])
+    monkeypatch.setattr("builtins.input", lambda _: next(answers))
+    assert commission.main(["--robot", str(robot), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "refused: nowhere" in printed
+    assert "refused: there is no cable 'lowr'; there are upper, lower" in printed
+    document = load_document(out)[0]
+    assert [cable["preload"] for cable in document["cables"]] == [36, 26]
+    assert {cable["nodes"][0]["radius"] for cable in document["cables"]} == {0.0152}
+
+
 def test_a_log_without_ros_is_taken_as_a_bag_is(tmp_path, capsys):
     rows = [f"{0.01 * k:.2f},0.5,-0.01" for k in range(300)]
     (tmp_path / "rest.csv").write_text("\n".join(["t,m,j", *rows]) + "\n", "utf-8")
