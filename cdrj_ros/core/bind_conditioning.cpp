@@ -298,12 +298,13 @@ void bind_conditioner(nb::module_& core) {
         .def_prop_ro("silent", [](const Conditioner& c) {
             ByName<Nanoseconds> found;
             for (std::size_t k = 0; k < c.axes().size(); ++k) {
-                if (c.time_line().awaits(k)) continue;
-                found[c.axes()[k].name.c_str()] = c.channels()[k].lag.silent_ns;
+                const Channel& channel = c.channels()[k];
+                if (channel.speaks()) continue;
+                found[c.axes()[k].name.c_str()] = channel.lag.silent_ns;
             }
             return found;
         },
-            "How long axes for which the others no longer wait have not been read [ns], by name.")
+            "How long axes have not been read for which no other has to wait [ns], by name.")
         .def_prop_ro("ahead", [](const Conditioner& c) {
             return by_name<Nanoseconds>(c, [](const Channel& channel) -> nb::object {
                 if (!channel.ahead_ns) return nb::none();

@@ -199,8 +199,8 @@ Nanoseconds Channel::restart_ns() const {
     return usual_ns > 0 ? std::max(WITHIN_NS, LATE_INTERVALS * usual_ns) : MAX_GAP_NS;
 }
 
-Nanoseconds Channel::awaited_ns() const {
-    return usual_ns > 0 ? std::max(AWAITED_NS, LATE_INTERVALS * usual_ns) : MAX_GAP_NS;
+bool Channel::speaks() const {
+    return lag.silent_ns <= (usual_ns > 0 ? std::max(AWAITED_NS, LATE_INTERVALS * usual_ns) : MAX_GAP_NS);
 }
 
 Nanoseconds Channel::patience_ns() const {

@@ -155,8 +155,8 @@ public:
     /// Longest interval between readings in which a driver has not started anew.
     Nanoseconds restart_ns() const;
 
-    /// Longest silence in which other axes wait for this one.
-    Nanoseconds awaited_ns() const;
+    /// Whether it has been read so lately that others wait for it.
+    bool speaks() const;
 
     /// Whether the next reading is that of a driver that counts from where its axis stands: zero after a gap.
     bool counts_anew(const Axis& axis, Raw raw, double angle) const {

@@ -204,22 +204,19 @@ std::vector<Sample> TimeLine::samples(Axes axes, Channels channels) {
 ///
 /// All are awaited unless some cable can go on without those that are silent.
 Nanoseconds TimeLine::await(Channels channels) {
-    const auto speaks = [&](std::size_t k) {
-        return channels[k].lag.silent_ns <= channels[k].awaited_ns();
-    };
     awaited_.clear();
     Nanoseconds until_ns = EVER_NS, spoken_ns = EVER_NS;
-    for (std::size_t k = 0; k < channels.size(); ++k) {
-        until_ns = std::min(until_ns, channels[k].last_ns);
-        if (speaks(k)) spoken_ns = std::min(spoken_ns, channels[k].last_ns);
+    for (const Channel& channel : channels) {
+        until_ns = std::min(until_ns, channel.last_ns);
+        if (channel.speaks()) spoken_ns = std::min(spoken_ns, channel.last_ns);
     }
     if (spoken_ns == until_ns) return until_ns;  // nobody waits for another one
     const bool goes_on = std::ranges::any_of(cables_, [&](const auto& own) {
         return std::ranges::all_of(
-            own, [&](std::size_t k) { return speaks(k) && channels[k].last_ns >= 0; });
+            own, [&](std::size_t k) { return channels[k].speaks() && channels[k].last_ns >= 0; });
     });
     if (!goes_on) return until_ns;
-    for (std::size_t k = 0; k < channels.size(); ++k) awaited_.push_back(speaks(k));
+    for (const Channel& channel : channels) awaited_.push_back(channel.speaks());
     return spoken_ns;
 }
 

@@ -243,7 +243,7 @@ class Conditioner(_core.Conditioner):
     and stayed) and ``crowded`` (accepted readings that waited too long for another channel).
     ``held`` readings wait until it is known whether the clock has jumped, ``unheard`` are the names
     without an accepted reading since the last reset, ``silent`` has the time since the last one of
-    axes for which others no longer wait [ns], ``ahead`` has the stamp of the last reading of
+    axes for which others need not wait [ns], ``ahead`` has the stamp of the last reading of
     every axis less its time of arrival [ns], ``displaced`` has the sum of the steps [rad] of every
     sensor that has stepped since then, ``alternating`` are the names whose readings alternate
     between two motions or contradict each other, ``stuck`` those that repeat an old reading with

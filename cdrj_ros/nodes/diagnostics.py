@@ -129,9 +129,10 @@ def _steps(live: LiveEstimator) -> list[str]:
     return [f"{name} by {size:.3g} {robot.unit_of(name)}" for name, size in by]
 
 
-def _unread(live: LiveEstimator) -> list[str]:
+def unread_axes(live: LiveEstimator) -> dict[str, str]:
+    """For how long axes are not read for which others would no longer wait, in words by name."""
     silent = live.conditioner.silent
-    return [f"{name} for {silent_ns * 1e-9:.1f} s" for name, silent_ns in silent.items()]
+    return {name: f"{name} for {silent_ns * 1e-9:.1f} s" for name, silent_ns in silent.items()}
 
 
 def _lags(live: LiveEstimator) -> list[str]:
@@ -152,7 +153,7 @@ def _sparse(live: LiveEstimator, rate_hz: float) -> str:
 def _severest(live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health) -> Report:
     """The most severe cause, by its name; none has a name that is logged elsewhere or often."""
     doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
-    stepped, lagging, unread = _steps(live), _lags(live), _unread(live)
+    stepped, lagging, unread = _steps(live), _lags(live), [*unread_axes(live).values()]
     sparse = _sparse(live, health.rate_hz)
     refusing = f"; {health.refusing}" if health.refusing else ""
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
@@ -232,7 +233,7 @@ def _figures(
         "readings alternating": ", ".join(conditioner.alternating) or "none",
         "readings repeated": ", ".join(conditioner.stuck) or "none",
         "readings lagging": ", ".join(_lags(live)) or "none",
-        "axes not read": ", ".join(_unread(live)) or "none",
+        "axes not read": ", ".join(unread_axes(live).values()) or "none",
         "readings held": str(conditioner.held),
         "readings for another topic": str(conditioner.elsewhere),
         "readings that waited too long": str(conditioner.crowded),

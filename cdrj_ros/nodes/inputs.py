@@ -6,7 +6,7 @@ begin, stop and resume, and explains in the log and on /diagnostics what is miss
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf, isfinite
 from time import monotonic
 from typing import Any, Final
@@ -24,7 +24,7 @@ from cdrj_ros.estimation.session import LiveEstimator
 from cdrj_ros.foundation.output import counted, listed, printable
 from cdrj_ros.messages.cdr import JOINT_STATE
 from cdrj_ros.messages.topics import TENSIONS
-from cdrj_ros.nodes.diagnostics import Health
+from cdrj_ros.nodes.diagnostics import Health, unread_axes
 from cdrj_ros.nodes.feed import SILENCE_S
 from cdrj_ros.nodes.settings import (
     default_profile,
@@ -167,6 +167,7 @@ class InputTopic:
 def missing_inputs(
     topics: Sequence[InputTopic],
     unheard: Sequence[str],
+    unread: Mapping[str, str],
     refused: str,
     apart: str,
     robot: Robot,
@@ -176,6 +177,7 @@ def missing_inputs(
     Args:
         topics: what has been received on each input topic.
         unheard: motors and joints without an accepted reading.
+        unread: those without a further one, and for how long, in words by name.
         refused: readings refused, in words.
         apart: clocks that differ, in words.
         robot: provides the joints and their ranges.
@@ -185,9 +187,11 @@ def missing_inputs(
         what = f"no reading of {_listed(unheard)} accepted"
     elif silent:
         what = f"no further message on {_listed(silent)}"
+    elif unread:
+        what = f"no further reading of {_listed([*unread.values()])} accepted"
     else:
         what = f"no common time of all axes{': ' if apart else ''}{apart}"
-    lines = [what, *(_heard_on(topic, unheard, robot) for topic in topics)]
+    lines = [what, *(_heard_on(topic, unheard or [*unread], robot) for topic in topics)]
     if refused:
         lines.append(f"refused: {refused}")
     return ". ".join(lines)
@@ -306,6 +310,7 @@ class InputWatch:
             waiting = missing_inputs(
                 [one for one in self._inputs if one.axes],
                 conditioner.unheard,
+                unread_axes(self._live),
                 refusal_words(conditioner.refused, self._sizes, robot),
                 clocks_apart(conditioner.ahead),
                 robot,

@@ -311,3 +311,15 @@ def test_an_explicit_reliability_is_kept_and_the_remedy_is_logged(bench, log):
     bench.node.create_publisher(JointState, "/cdrj/motor_states", best_effort)
     assert logged(bench, log, "WARN", "Set it to best_effort")
     assert estimator.inputs[0].reliability == ReliabilityPolicy.RELIABLE
+
+
+def test_an_axis_without_which_nothing_is_known_is_named_with_the_time_of_its_silence(bench):
+    estimator = bench.estimator(timeout=0.01)
+    feed(estimator, 0, 500)
+    for k in range(500, 1500):
+        sample = sample_at(k)
+        estimator.motor(MOTOR.encode(sample.stamp_ns, position=sample.motor_angle))
+    assert bench.until(estimator.watch.lost)
+    found, *_ = diagnosed(estimator)
+    assert "no further reading of elbow for 1.0 s accepted" in found.message
+    assert values_of(found)["axes not read"] == "elbow for 1.0 s"
