@@ -190,7 +190,8 @@ def unknowns_of(model: Model, known: Uncertainty | None) -> tuple[list[Unknown],
     changes = list(_changes(model, known))
     if known is None or not known.parameters or not model.robot.document:
         return changes, np.empty((0, 0))
-    numbers = [find_number(model.robot.document, path) for path in known.parameters]
+    given: Any = model.robot.document
+    numbers = [find_number(given, path) for path in known.parameters]
     shapes, only = _modes(model, known, numbers)
     more = _ends(model, numbers, shapes, only)
     less = _ends(model, numbers, -shapes, only)

@@ -15,7 +15,6 @@ from cdrj_ros.robot.description import (
     Anchor,
     Cable,
     Friction,
-    Motor,
     MovingEnd,
     Node,
     Profile,
@@ -33,7 +32,7 @@ class CableReader:
 
     friction: Document
     """Friction entry of the whole robot, overridden by cables and pulleys."""
-    motors: Sequence[Motor]
+    motors: Sequence[str]
     places: PlaceReader
     profiles: ProfileReader
     refuse: Refusal
@@ -144,12 +143,11 @@ class CableReader:
         self._check_place(path, entry, routed)
         place = self.places.read(path, entry) if routed else None
         if entry["type"] == "winch":
-            motors = [motor.name for motor in self.motors]
             turned = motor_shares(entry)
             for motor, share in turned.items():
-                if motor not in motors:
+                if motor not in self.motors:
                     raise self.refuse(
-                        f"{path}.motor", f"must be one of {ordered(motors)}, got {motor!r}"
+                        f"{path}.motor", f"must be one of {ordered(self.motors)}, got {motor!r}"
                     )
                 if share == 0.0:
                     raise self.refuse(f"{path}.motor.{motor}", "must not be 0: leave the motor out")

@@ -86,10 +86,11 @@ def build_robot(document: Document, source: str) -> Robot:
     frames = tuple(read_frames(document, planar, profiles.coupling, refuse))
     names = [frame.name for frame in frames]
     places = PlaceReader(names, planar, refuse)
-    reader = CableReader(document.get("friction", {}), motors, places, profiles, refuse)
+    turning = [motor.name for motor in motors]
+    reader = CableReader(document.get("friction", {}), turning, places, profiles, refuse)
     cables = tuple(reader.read(f"cables[{k}]", entry) for k, entry in enumerate(document["cables"]))
     elements = {element for cable in cables for element in cable.element_names}
-    for name in (*(motor.name for motor in motors), *joints):
+    for name in (*turning, *joints):
         if name in elements:  # both may be the name of a sensor
             raise refuse(f"the name {name!r} of a motor or joint", "is that of an element")
     placed = any(cable.placed for cable in cables)
