@@ -31,9 +31,10 @@ from cdrj_ros._core import NONLINEAR
 from cdrj_ros.estimation.draws import independent_causes
 from cdrj_ros.foundation.arrays import Table, Vector
 from cdrj_ros.foundation.errors import CdrjError
+from cdrj_ros.model.following import following_motors
 from cdrj_ros.model.laws import with_pulleys
 from cdrj_ros.model.packing import constant_views
-from cdrj_ros.model.prepared import Model, lengths_at, poses_in_range, prepare, shape_at
+from cdrj_ros.model.prepared import Model, poses_in_range, prepare, shape_at
 from cdrj_ros.robot.axes import DEFAULT_BREAKAWAY_ANGLE
 from cdrj_ros.robot.description import Cable, PassiveTorque, Pulley, Robot, Uncertainty, Winch
 from cdrj_ros.robot.groups import Owners
@@ -284,16 +285,13 @@ def _together(only: Sequence[int]) -> list[list[int]]:
 def _effects(model: Model, ends: Sequence[Changed], only: Sequence[int]) -> Table:
     """V of (B1), by causes: what each changes in all tensions on a walk through the ranges.
 
-    Motors turn as the cables need without friction.
+    Motors turn so that every cable keeps its preload without friction.
     """
     robot, same = model.robot, _same(model)
     causes = [Unknown(MODE, "", 1.0, end, same, c) for end, c in zip(ends, only, strict=True)]
     every = poses_in_range(robot)
     joints = every[np.linspace(0, len(every) - 1, min(POSES, len(every))).astype(int)]
-    longer = lengths_at(model, joints) - lengths_at(model, robot.reference_pose[None])
-    needed = np.stack([longer[:, part].sum(axis=1) for part in robot.parts])
-    turned, *_ = np.linalg.lstsq(robot.effective_radii, -needed, rcond=None)
-    motors = robot.reference_motors + turned.T
+    motors = following_motors(model, joints)
     signatures = signatures_of(model, causes)
     tensions = slice(robot.parts[-1].stop)
     walked = [
