@@ -17,9 +17,8 @@ from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 FINGER = ROOT / "config" / "robots" / "finger.yaml"
-ROUNDS = 3
-STARTS = 9
-"""Rounds of starts, whose ratio varies by a fifth on a busy machine."""
+ROUNDS = 7
+"""Of medians of three, one in ten is off by a fifth on a busy machine."""
 START_NS = 1_700_000_000 * 10**9
 PLAIN_RATE = 500
 """Samples per second of plain steps, and of joints without encoder."""
@@ -129,7 +128,7 @@ def measure():
     rows.append(alone(what, "ms", np.array(hidden) * 1e3 / PLAIN_RATE, "≤ 0.6"))
     five, twenty = fingers(5), fingers(20)
     made = [partial(LiveEstimator, model) for model in (twenty, five)]
-    larger, smaller = in_turn(STARTS, *made)
+    larger, smaller = in_turn(ROUNDS, *made)
     what = "an estimator of twenty fingers made"
     rows.append(compared(what, "s", larger, "of five", smaller, "≤ 4.5"))
     often = 50, 3.0  # reading rate and frequency at which the members' own steps weigh most
