@@ -418,7 +418,7 @@ class LiveEstimator:
         """Set ``UNSURE`` where deviations are too large, or readings or the robot are in doubt."""
         stddev = NO_STDDEVS if estimate.stddev is None else estimate.stddev
         doubted = NO_DOUBTS if self.corrections is None else self.corrections.doubted
-        if sample.doubtful.any():
+        if sample.doubtful.size and sample.doubtful.any():
             doubted = on_axes(self.model, sample.doubtful)
             if self.corrections is not None:
                 doubted = self.corrections.doubted_beside(doubted)
