@@ -115,7 +115,8 @@ def body(argv: Sequence[str], record: Record | None = None) -> int:
         before, now = now, _answered(now, name, arguments, topics, record)
         if now is before:
             continue
-        known = judged(now.model, now.heard, now.interval_ns)
+        in_motion = [*now.measured.motion, *now.measured.cells][-1:]
+        known = judged(now.model, now.heard, now.interval_ns, *in_motion)
         for note in (*unlikely(before, now), *_notes(now)):
             say(f"note: {note}")
         say(f"{name}: {words_of(known)}")

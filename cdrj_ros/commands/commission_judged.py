@@ -1,12 +1,13 @@
 """How well a robot file on its way knows its tensions, and what a recording would bring.
 
-The node's estimator reads what the sensors of a robot would read that is as the file says, but for
-friction of its motors, while all joints move through their ranges.
+The node's estimator reads a recording in motion, or what the sensors of a robot would read that is
+as the file says, but for friction of its motors, while all joints move through their ranges.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from math import ceil, inf
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -21,7 +22,7 @@ from cdrj_ros.estimation.estimator import NO_DOUBTS, Estimate, Samples, initial_
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.foundation.arrays import Series, Table
 from cdrj_ros.foundation.output import ProgressBar
-from cdrj_ros.identification.observations import Recorded
+from cdrj_ros.identification.observations import Recorded, samples_of
 from cdrj_ros.identification.parts import parts_of
 from cdrj_ros.inspection.shares import sweep
 from cdrj_ros.model.packing import EFFORT, OK, TENSION, channel_columns
@@ -64,7 +65,10 @@ class Judged(NamedTuple):
 
 
 def judged(
-    model: Model, efforts: Mapping[str, float] = MappingProxyType({}), interval_ns: float = inf
+    model: Model,
+    efforts: Mapping[str, float] = MappingProxyType({}),
+    interval_ns: float = inf,
+    recorded: Recorded | None = None,
 ) -> Judged:
     """How well a file knows the tensions if it is right but for what it says of its accuracy.
 
@@ -75,6 +79,8 @@ def judged(
         model: the robot.
         efforts: noise of those that it publishes, by motor [N m].
         interval_ns: between its readings; those less than ``SAMPLE_NS`` apart tell more of counts.
+        recorded: a motion of the robot; None for one through the joints' ranges, as if the file
+            were right.
     """
     between = round(min(max(interval_ns, LEAST_NS), SAMPLE_NS))
     robot, ok, relative = model.robot, list[NDArray[np.bool_]](), dict[str, float]()
@@ -83,8 +89,12 @@ def judged(
     with ProgressBar("judging", len(groups)) as progress:
         for group in groups:
             own = of_cables(model, group)
-            read = {name: efforts[name] for name in own.layout.motors if name in efforts}
-            known, deviation = _estimated(own, read, between)
+            noise = {f"{EFFORT}/{n}": efforts[n] for n in own.layout.motors if n in efforts}
+            if recorded is None:
+                read = _made_up(own, noise, between)
+            else:
+                read = _thinned(own, recorded, noise, between)
+            known, deviation = _estimated(own, read)
             ok.append(known)
             share |= zip(own.layout.elements, known[1].mean(axis=0).tolist(), strict=True)
             for cable, span in zip(own.robot.cables, own.robot.parts, strict=True):
@@ -97,24 +107,52 @@ def judged(
     )  # fmt: skip
 
 
-def _estimated(
-    model: Model, efforts: Mapping[str, float], interval_ns: int
-) -> tuple[NDArray[np.bool_], Table]:
+def _thinned(
+    model: Model, recorded: Recorded, channels: Collection[str], interval_ns: int
+) -> Recorded:
+    """A recording of a part of its axes and references, whose readings are so far apart."""
+
+    def some(every: Mapping[str, Series], names: Iterable[str]) -> dict[str, Series]:
+        found = {}
+        for name in names:
+            usual_ns = float(np.median(np.diff(every[name].stamp_ns)))
+            found[name] = every[name].part(slice(None, None, max(1, round(interval_ns / usual_ns))))
+        return found
+
+    layout = model.layout
+    joints = [one for one in layout.joints if one in recorded.joints]
+    references = [one for one in channels if one in recorded.references]
+    return replace(
+        recorded,
+        motors=some(recorded.motors, layout.motors),
+        joints=some(recorded.joints, joints),
+        references=some(recorded.references, references),
+    )
+
+
+def _estimated(model: Model, read: Recorded) -> tuple[NDArray[np.bool_], Table]:
     """Whether tensions are OK, with three sizes of their deviations, and the relative deviations.
+
+    Args:
+        model: the robot.
+        read: its readings and, as references, efforts of motors.
 
     Returns:
         Shape (3, samples, elements) and (samples, elements).
     """
     elements = len(model.layout.elements)
-    read = _made_up(model, {f"{EFFORT}/{name}": efforts[name] for name in efforts}, interval_ns)
-    axes = {**read.motors, **read.joints}
-    angles = np.stack([one.value for one in axes.values()], axis=1)
-    heard = np.array([one.value for one in read.references.values()])
     estimator, made = LiveEstimator(model, Options(unsure_share=np.inf)), list[Estimate]()
-    for k, stamp in enumerate(next(iter(axes.values())).stamp_ns.tolist()):
-        if efforts:
-            estimator.feed_efforts(stamp, [*efforts], heard[:, k])
-        made += estimator.feed("both", stamp, list(axes), angles[k])[1]
+    samples = samples_of(model, read)
+    places = [
+        np.searchsorted(one.stamp_ns, samples.stamp_ns, "right") for one in read.references.values()
+    ]
+    for k in range(samples.stamp_ns.size):
+        for (name, series), place in zip(read.references.items(), places, strict=True):
+            if place[k] > (place[k - 1] if k else 0):
+                at = place[k] - 1
+                motor = name.removeprefix(f"{EFFORT}/")
+                estimator.feed_efforts(int(series.stamp_ns[at]), [motor], series.value[at : at + 1])
+        made.append(estimator.take(samples.at(k)))
     after = made[round(KNOWN_FROM * len(made)) :]
     stddev = np.stack([one.stddev for one in after if one.stddev is not None])
     ok = []
