@@ -261,6 +261,7 @@ public:
     bool alone = false;           // whether there is only the first reading
     bool counted = false;         // whether a change was no multiple of a count in degrees, (C15)
     bool lost_way = false;        // whether the motion up to the next reading is unknown
+    bool told = false;            // whether the last sample that was not predicted had its angle
     bool was_away = false;        // whether the time line has passed a reading after a gap since the last sample
     std::int64_t message = 0;     // the number of the last message that had it
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not

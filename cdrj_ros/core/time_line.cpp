@@ -268,6 +268,7 @@ void TimeLine::interpolate(
             sample.unseen = unseen_at(axes, channels, sample, last_ns);
         }
         last_ns = sample.stamp_ns;
+        for (std::size_t k = 0; k < channels.size(); ++k) channels[k].told = !std::isnan(sample.angle[k]);
         tell_offsets(channels, sample);
         std::erase_if(doubts_, [&](const Doubt& doubt) { return doubt.until_ns <= last_ns; });
         sample.doubtful = doubtful_at(last_ns, channels);
@@ -311,7 +312,8 @@ bool TimeLine::is_predictable(
 Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     Sample sample{.stamp_ns = stamp_ns, .angle = std::vector<double>(channels.size())};
     for (std::size_t k = 0; k < channels.size(); ++k) {
-        sample.angle[k] = awaits(k) ? extrapolated(axes[k], channels[k], stamp_ns) : UNREAD;
+        const bool goes_on = awaits(k) && channels[k].told;
+        sample.angle[k] = goes_on ? extrapolated(axes[k], channels[k], stamp_ns) : UNREAD;
     }
     sample.unseen = unseen_ahead(axes, channels, sample, ahead_from_ns_);
     ahead_ns_ = ahead_from_ns_ = stamp_ns;

@@ -155,6 +155,7 @@ class Ensemble:
         robot = self.model.robot
         shape = shape_at(self.model, robot.reference_pose)
         least = in_all_quantities(self.model, shape, np.abs(robot.per_element(changes)))
+        self.core.roll_back()  # or the next sample would forget it with what was predicted
         np.maximum(self.core.least_variance, least**2, out=self.core.least_variance)
 
     def shift_clock(self, by_ns: int) -> None:

@@ -9,8 +9,11 @@ import yaml
 from support.campaign import MS, SECOND, START, course_of, judge
 from support.driver_faults import Message, feed, messages_of
 from support.fingers import finger, hand
+from support.reading_streams import take
 
-from cdrj_ros.estimation.conditioner import condition
+from cdrj_ros.estimation.conditioner import Conditioner, condition
+from cdrj_ros.estimation.ensemble import Ensemble
+from cdrj_ros.estimation.estimator import Sample, initial_state, step
 from cdrj_ros.estimation.session import LiveEstimator, Options
 from cdrj_ros.estimation.state_file import read_state, write_state
 from cdrj_ros.evaluation.estimating import estimate, pieces_of
@@ -250,6 +253,34 @@ def test_predictions_go_on_without_the_axis(five, courses):
     assert all(np.all(one.status[own].astype(int) & STALE) for one in last)
     assert np.mean(judge(courses(0.3), outputs).ratio > 5.0) <= LAW
     assert np.mean([one.status[~own] == 0 for one in last]) > 0.9
+
+
+def test_no_prediction_knows_an_axis_that_the_sample_before_it_did_not(five, courses):
+    """What an encoder did in its silence is in the standard deviations from that sample on."""
+    conditioner, last, predicted = Conditioner(five.robot, "predict"), None, 0
+    for message in without(UNREAD["a driver"], 0.5, RETURNS)(messages_of(five, courses(0.3), 200)):
+        for letter, later_ns in zip("abdec", range(5), strict=True):
+            chosen = [k for k, name in enumerate(message.names) if name[0] == letter]
+            names, values = ([of[k] for k in chosen] for of in message[1:])
+            for sample in take(conditioner, "both", message.stamp_ns + later_ns, names, values):
+                if sample.predicted:
+                    predicted += 1
+                    assert not np.any(np.isnan(last.angles) & ~np.isnan(sample.angles))
+                else:
+                    last = sample
+    assert predicted > 1000
+    assert not np.isnan(last.angles).any()
+
+
+def test_what_a_gap_leaves_open_outlasts_a_prediction_made_in_it(five, courses):
+    ensemble, state, rows = Ensemble(five), initial_state(five), courses(0.3).angle[:60]
+    samples = [Sample(START + k * MS, row[:10], row[10:]) for k, row in enumerate(rows)]
+    for sample in samples[:-1]:
+        state, _ = ensemble.step(state, sample)
+    ensemble.predict(samples[-1], step(five, state, samples[-1])[1])
+    ensemble.show_at_least(np.full(10, 3.0))
+    _, found = ensemble.step(state, samples[-1])
+    assert found.tension_stddev.min() > 2.5
 
 
 def test_a_restart_while_an_axis_is_silent_keeps_its_last_estimate_open(tmp_path, five, courses):
