@@ -334,6 +334,13 @@ void bind_ensemble(nb::module_& core) {
             return found;
         },
             "What every axis may be wrong by because of its unit, (C15) [rad], shape (axes,).")
+        .def_prop_ro("late", [](const Ensemble& ensemble) {
+            const std::vector<double> found = ensemble.late();
+            Written copied({Index(found.size())});
+            std::ranges::copy(found, copied.data());
+            return copied;
+        },
+            "Variances by lags of a cable's axes, (U13), shape (quantities,).")
         .def_prop_ro(
             "deviation", part(&Ensemble::memory, &EnsembleMemory::deviation, true),
             "Of the members' quantities from the estimate's, shape (members, quantities).")

@@ -188,6 +188,9 @@ public:
     const Robot& robot() const { return robot_; }
     std::size_t axes() const { return angle_.size(); }
 
+    /// Variances by which lags of its axes widen every quantity of one cable, (U13); 0 of efforts.
+    std::vector<double> late() const;
+
 private:
     std::vector<Index> topology_;
     std::vector<double> constants_;

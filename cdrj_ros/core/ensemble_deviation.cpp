@@ -131,6 +131,15 @@ void Ensemble::renew_late() {
     }
 }
 
+std::vector<double> Ensemble::late() const {
+    std::vector<double> found(quantities.size());
+    for (std::size_t q = 0; q < found.size(); ++q) {
+        const Index c = quantities[q].cable;
+        if (c >= 0) found[q] = late_[q] * lags.late_share(c);
+    }
+    return found;
+}
+
 void Ensemble::write_stddev(std::span<const double> nominal, std::span<double> stddev) const {
     for (std::size_t q = 0; q < quantities.size(); ++q) {
         const double slack = quantities[q].slack;

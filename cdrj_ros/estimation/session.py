@@ -405,6 +405,15 @@ class LiveEstimator:
             names += [axis.name for (axis, error), w in zip(axes, worth, strict=True) if error > w]
         return names
 
+    def late_elements(self, estimate: Estimate) -> list[str]:
+        """Elements whose variance is mostly that of values older than their stamps, (U13)."""
+        if self.ensemble is None or estimate.stddev is None:
+            return []
+        names = self.model.layout.elements
+        tensions = slice(len(names))
+        late = self.ensemble.core.late[tensions] > 0.5 * estimate.stddev[tensions] ** 2
+        return [name for name, is_late in zip(names, late, strict=True) if is_late]
+
     def _believe(self, corrections: Corrections, sample: Sample, estimate: Estimate) -> None:
         """Add what sensors say to the model's estimate; only a sample that lasts hears them."""
         assert self.ensemble is not None

@@ -29,6 +29,12 @@ LEVELS: Final = {
 }
 """Levels of reports."""
 
+LATE: Final = (
+    "values up to 45 ms older than their stamps may cause most of it; if they are not, state the "
+    "standard deviation of clock_offset of these axes (docs/estimation.md)"
+)
+"""What is said of elements that lags make ``UNSURE``."""
+
 DOUBTED: Final = 0.1
 """A sensor whose probability of being right is smaller is reported."""
 
@@ -93,7 +99,7 @@ def report_of(
     }
     found = Report("warn", f"waiting: {health.waiting}", {})
     if estimate is not None:
-        found = _severest(live, flagged, health)
+        found = _severest(live, estimate, flagged, health)
     if health.clock:
         level = "warn" if found.level == "ok" else found.level
         found = Report(level, f"{found.message}; {health.clock}", {}, (*found.named, "clock"))
@@ -150,10 +156,13 @@ def _sparse(live: LiveEstimator, rate_hz: float) -> str:
     return sparse_words(live.model.robot, worth, midway, rate_hz, 0.5 * UNSURE_SHARE)
 
 
-def _severest(live: LiveEstimator, flagged: Mapping[int, list[str]], health: Health) -> Report:
+def _severest(
+    live: LiveEstimator, estimate: Estimate, flagged: Mapping[int, list[str]], health: Health
+) -> Report:
     """The most severe cause, by its name; none has a name that is logged elsewhere or often."""
     doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
     stepped, lagging, unread = _steps(live), _lags(live), [*unread_axes(live).values()]
+    late = [name for name in live.late_elements(estimate) if name in flagged[UNSURE]]
     sparse = _sparse(live, health.rate_hz)
     refusing = f"; {health.refusing}" if health.refusing else ""
     deaf = live.encoderless is not None and live.encoderless.lacks_efforts
@@ -202,6 +211,7 @@ def _severest(live: LiveEstimator, flagged: Mapping[int, list[str]], health: Hea
         (health.refusing, "warn", "refused", health.refusing),
         (flagged[SLACK], "warn", "", f"slack: {listed(flagged[SLACK])}"),
         (flagged[UNSURE] and sparse, "warn", "sparse", f"unsure: {sparse}"),
+        (late, "warn", "late", f"unsure: {listed(late)}: {LATE}"),
         (flagged[UNSURE], "warn", "", f"unsure: {listed(flagged[UNSURE])}"),
     )  # fmt: skip
     for holds, level, cause, message in causes:

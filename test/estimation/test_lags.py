@@ -67,9 +67,9 @@ uncertainty:
 """The cable takes 100 N/rad of both axes, whose lags are known to 5 and 12 ms (rounded up)."""
 
 
-def _pair(angles):
+def _pair(angles, text=PAIR):
     """Motor and joint, 10 ms apart; the estimator and its last estimate."""
-    live, found = LiveEstimator(prepare(parse_robot(PAIR))), list[Estimate]()
+    live, found = LiveEstimator(prepare(parse_robot(text))), list[Estimate]()
     for k, pair in enumerate(angles):
         found += live.feed("both", START + 10 * k * MS, ("m", "q"), pair)[1]
     return live, found[-1]
@@ -94,6 +94,21 @@ def test_a_tension_that_follows_a_motion_exactly_shows_the_lag_as_five_errors_of
     first = 1.0 / hypot(5.09e-3, 12.27e-3) ** 2
     expected = 1.0 / sqrt(squares / variance + first)
     assert live.ensemble.core.lag[:, 1] == pytest.approx((0.0, expected), rel=0.03, abs=1e-4)
+
+
+def test_elements_that_lags_make_uncertain_are_named_until_the_accuracy_of_clocks_is_stated():
+    """A grip that changes as fast as the pose hides how old the values are."""
+    swings = [0.3 * sin(2.0 * pi * 0.01 * k) for k in range(400)]
+    grips = [0.02 * sin(2.0 * pi * 0.013 * k + 1.0) for k in range(400)]
+    angles = [(swing - grip, swing) for swing, grip in zip(swings, grips, strict=True)]
+    stated = ("parameters: [motors.m.clock_offset, joints.q.clock_offset]", "[0.00509, 0.01227]")
+    unknown = PAIR.replace(f"  {stated[0]}\n  stddev: {stated[1]}\n", "")
+    known = PAIR.replace(stated[1], "[1.0e-4, 1.0e-4]")
+    found = [_pair(angles, text) for text in (unknown, known)]
+    assert [live.late_elements(last) for live, last in found] == [["c/1"], []]
+    variances = [last.stddev[0] ** 2 for _, last in found]
+    late = [live.ensemble.core.late[0] for live, _ in found]
+    assert late[0] - late[1] == pytest.approx(variances[0] - variances[1], rel=1e-3)
 
 
 def test_a_sudden_change_of_the_mean_tension_leaves_it_in_doubt_for_80_ms():
