@@ -340,7 +340,7 @@ class Quantities:
 
     @property
     def motor_effort(self) -> Vector:
-        """Torque of the cables on every motor [N m], shape (..., motors)."""
+        """Torque of the cables on every motor by ``effort_sign`` [N m], shape (..., motors)."""
         return self.values[..., self.layout.motor_effort]
 
     @property

@@ -141,6 +141,7 @@ def turn(robot: Robot, name: str, ratio: float) -> str:
     if ratio < 0.0:
         text += ", the other way"
     drums = {(drum.winding, drum.radius) for drum in _drums(robot, name)}
+    of_drum = ", or radius or winding of one of its drums" if len(drums) > 1 else ""
     if len(drums) == 1:
         ((winding, radius),) = drums
         if abs(ratio + 1.0) < REVERSED:
@@ -148,7 +149,7 @@ def turn(robot: Robot, name: str, ratio: float) -> str:
             return f"{way}: winding: {-winding} or {fits} would fit"
         if 1.0 / SMALL_OR_LARGE < ratio < SMALL_OR_LARGE:
             return f"{text}: {fits} or a drum of radius_mm: {1e3 * radius / ratio:.3g} would fit"
-    return f"{text}: gear ratio, unit or sign? {fits} would fit"
+    return f"{text}: gear ratio, unit or sign? {fits} would fit{of_drum}"
 
 
 def _drums(robot: Robot, motor: str) -> list[Winch]:

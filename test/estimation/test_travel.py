@@ -5,7 +5,8 @@ import pytest
 
 from cdrj_ros.estimation.estimator import Sample
 from cdrj_ros.estimation.travel import MotorTravel, travel_suspicion
-from cdrj_ros.model.prepared import prepare
+from cdrj_ros.estimation.verdict_words import turn
+from cdrj_ros.model.prepared import load_model, prepare
 from cdrj_ros.robot.reader import parse_robot
 
 TEXT = """
@@ -136,3 +137,8 @@ def test_samples_that_are_looked_at_again_add_no_pose(model):
     assert once.follow([*samples, *right], UNHEARD, whole=True) == words
     once.forget()
     assert once.suspicion() == ""
+
+
+def test_a_motor_of_several_drums_may_have_one_that_is_wrong():
+    words = turn(load_model("prototype").robot, "winch", 1.3)
+    assert words.endswith("would fit, or radius or winding of one of its drums")
