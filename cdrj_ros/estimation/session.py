@@ -431,6 +431,11 @@ class LiveEstimator:
             doubted = on_axes(self.model, sample.doubtful)
             if self.corrections is not None:
                 doubted = self.corrections.doubted_beside(doubted)
+        if self.corrections is not None and not estimate.solved:  # what sensors said is old
+            unsolved = (estimate.status.astype(np.uint8) & INVALID) != 0
+            doubted = self.corrections.doubted_beside(
+                unsolved | doubted if doubted.size else unsolved
+            )
         mark_unsure(self.model.core, estimate.values, stddev, self.options.unsure_share, doubted)
         if not self.options.uncertainty:
             estimate.stddev = None

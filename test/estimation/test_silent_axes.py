@@ -220,7 +220,9 @@ def test_a_validation_compares_what_is_known(begin, five, courses):
         assert np.abs(channel.estimate - channel.reference).max(initial=0.0) < 1.0
 
 
-def test_sensors_go_on_to_correct_the_other_fingers(five, courses):
+@pytest.mark.parametrize("what", ["a driver", "the last joint"])
+def test_sensors_go_on_to_correct_the_other_fingers(what, five, courses):
+    """What they last said of the finger is in doubt in all of its cables."""
     course, messages = courses(0.3), messages_of(five, courses(0.3), 200)
     own = over(five, UNREAD["a driver"])
 
@@ -232,7 +234,9 @@ def test_sensors_go_on_to_correct_the_other_fingers(five, courses):
         return found
 
     right = heard(messages)
-    wrong = heard(without(UNREAD["a driver"], CEASES, RETURNS)(messages))
+    wrong = heard(without(UNREAD[what], CEASES, RETURNS)(messages))
+    flags, time = status_of(wrong)
+    assert not np.any(flags[(time >= CEASES) & (time < RETURNS)][:, own] == 0)
     assert [digits(one, ~own) for one in wrong] == [digits(one, ~own) for one in right]
     assert np.mean(judge(course, wrong).ratio > 5.0) <= LAW
     assert np.mean([one.status[own] == 0 for one in wrong[-200:]]) > 0.9
