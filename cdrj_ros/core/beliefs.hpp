@@ -77,7 +77,8 @@ struct Evidence {
     DenseMatrix sums{0, 0};        // M, then u, and the sum of (z - h)^2 / R, symmetric
     double number = 0.0;           // of readings whose errors are independent
     std::vector<double> recent{};  // over the last readings: (z - h)^2 / R with what h would be
-                                   // without each cable, by the preloads, and with all; their number
+                                   // without each cable; how much more it would be with the
+                                   // preloads; with all cables; the number of readings
     Nanoseconds stamp_ns = NEVER_NS;
 
     /// Add a reading of a sensor.

@@ -263,7 +263,6 @@ public:
     bool lost_way = false;        // whether the motion up to the next reading is unknown
     bool told = false;            // whether the last sample that was not predicted had its angle
     bool was_away = false;        // whether the time line has passed a reading after a gap since the last sample
-    std::int64_t message = 0;     // the number of the last message that had it
     Nanoseconds left_behind_ns = -1;  // last stamp before the clock went back; -1 if it did not
 
 private:

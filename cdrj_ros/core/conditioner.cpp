@@ -45,7 +45,6 @@ std::vector<Sample> Conditioner::take(
     }
     stamp_ns = std::min(stamp_ns, 2 * END_OF_TIME_NS);  // an offset can be added to that
     bool news = false;
-    ++messages_;
     for (std::size_t i = 0; i < targets.size(); ++i) {
         if (targets[i] == ELSEWHERE) {
             ++elsewhere;
@@ -71,7 +70,6 @@ bool Conditioner::admit(std::size_t k, Nanoseconds stamp_ns, double reading, Arr
     const Axis& axis = axes_[k];
     Channel& channel = channels_[k];
     const Raw raw{stamp_ns + axis.clock_offset_ns, reading};
-    channel.message = messages_;
     if (arrival.at_ns >= 0) channel.ahead_ns = raw.stamp_ns - arrival.at_ns;
     Cause cause = Cause::none;
     if (!std::isfinite(reading)) {

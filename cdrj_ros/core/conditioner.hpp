@@ -120,7 +120,6 @@ private:
     std::array<std::int64_t, CAUSES> refused_{};
     std::vector<Sizes> sizes_;     // see `take_refused`
     std::vector<Target> targets_;  // of the message that is being taken
-    std::int64_t messages_ = 0;    // its number
 };
 
 /// The angles that readings of an axis mean, whether or not they are acceptable.

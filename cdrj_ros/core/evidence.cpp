@@ -22,7 +22,7 @@ void Evidence::add(const SensorReading& reading, const Accuracy& sensor) {
     const std::size_t size = reading.slopes.size() + 3;
     if (stamp_ns == NEVER_NS) {
         sums = DenseMatrix(size, size);
-        recent.assign(reading.parts.size() + 3, 0.0);
+        recent.assign(2 * reading.parts.size() + 2, 0.0);
     }
     const double passed = stamp_ns == NEVER_NS ? FADES_S
         : std::max(static_cast<double>(reading.stamp_ns - stamp_ns) * 1e-9, SHORTEST_S);
@@ -40,11 +40,20 @@ void Evidence::add(const SensorReading& reading, const Accuracy& sensor) {
     number = kept * number + share;
     const double kept_recent = std::exp(-passed / RECENT_S);
     for (double& one : recent) one *= kept_recent;
-    for (std::size_t c = 0; c < reading.parts.size(); ++c) {
-        recent[c] += square(difference + reading.parts[c]) / variance;
+    double every = 0.0;
+    for (const double part : reading.parts) every += std::abs(part);
+    const double model = sensor.model_variance(reading.value) + square(sensor.bias);
+    const double lasts = std::max(1.0, MODEL_S / passed);
+    const std::size_t cables = reading.parts.size();
+    for (std::size_t c = 0; c < cables; ++c) {
+        const double part = reading.parts[c];  // whose errors end with it
+        const double others = every > 0.0 ? 1.0 - std::abs(part) / every : 1.0;
+        const double without = square(difference + part);
+        recent[c] += without / variance;
+        recent[cables + c] += (square(reading.value - sensor.balance) - without) /
+                              (noise + (model + square(others * reading.history)) * lasts);
     }
-    recent[reading.parts.size()] += square(reading.value - sensor.balance) / variance;
-    recent[reading.parts.size() + 1] += square(difference) / variance;
+    recent[2 * cables] += square(difference) / variance;
     recent.back() += share;
     stamp_ns = reading.stamp_ns;
 }

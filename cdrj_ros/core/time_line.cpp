@@ -326,8 +326,7 @@ Sample TimeLine::predict(Axes axes, Channels channels, Nanoseconds stamp_ns) {
     return sample;
 }
 
-/// `Sample::doubtful`: with an axis that is stuck, those of its messages whose readings have not changed since
-/// then either.
+/// `Sample::doubtful`: with an axis that is stuck, those whose readings have not changed since then either.
 std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, Channels channels) const {
     std::vector<bool> found;
     for (const Doubt& doubt : doubts_) {
@@ -338,7 +337,7 @@ std::vector<bool> TimeLine::doubtful_at(Nanoseconds stamp_ns, Channels channels)
         if (!stuck.steps.repeats()) continue;
         for (std::size_t k = 0; k < channels.size(); ++k) {
             const bool still = channels[k].steps.still_since_ns() <= stuck.steps.repeated_since_ns();
-            if (still && channels[k].message == stuck.message) set(found, k, channels.size());
+            if (still) set(found, k, channels.size());
         }
     }
     return found;

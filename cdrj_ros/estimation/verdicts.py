@@ -90,8 +90,8 @@ class Heard(NamedTuple):
     number: float
     """Of independent readings."""
     recent: Vector
-    """Sums of squares of the last readings without each cable of the sensor, with the preloads, and
-    with all cables; then their number."""
+    """Sums of squares of the last readings without each cable of the sensor; by how much they would
+    be greater with the preloads; with all cables; then their number."""
 
     def squares(self, mean: Vector) -> float:
         """What unknowns leave of the readings, in squares of the expected errors."""
@@ -301,8 +301,8 @@ def _broken(heard: Sequence[Heard]) -> int:
         of_cable = [(one.recent, one.sensor.cables) for one in heard if c in one.sensor.cables]
         others = squares - sum(float(recent[-2]) for recent, _ in of_cable)
         without = others + sum(float(recent[own.index(c)]) for recent, own in of_cable)
-        balance = others + sum(float(recent[-3]) for recent, _ in of_cable)
-        if without < min(least, balance - 2.0 * CERTAIN):
+        odds = sum(float(recent[len(own) + own.index(c)]) for recent, own in of_cable)
+        if without < least and odds > 2.0 * CERTAIN:
             least, found = without, c
     return found
 

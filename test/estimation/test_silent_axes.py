@@ -308,8 +308,8 @@ def test_a_restart_while_an_axis_is_silent_keeps_its_last_estimate_open(tmp_path
     assert np.mean([one.status[~own] == 0 for one in outputs[-200:]]) > 0.9
 
 
-def test_a_driver_that_hangs_leaves_resting_axes_of_other_topics_alone(five):
-    """It repeats its last message with new stamps while its finger was in motion."""
+def test_a_driver_that_hangs_leaves_no_axis_believed_that_rests_since(five):
+    """It may publish every finger in a message of its own: those at rest may move unseen."""
     table = np.linspace(0.2, 0.8, 201)
     motors = following_motors(five, np.tile(table[:, None], 10))[:, :2]
     live, outputs = LiveEstimator(five), []
@@ -322,5 +322,4 @@ def test_a_driver_that_hangs_leaves_resting_axes_of_other_topics_alone(five):
             outputs += live.feed("both", stamp, names, [*followed, at, at])[1]
     assert live.conditioner.stuck
     flags, _ = status_of(outputs[-500:])
-    assert not np.any(flags[:, :8] == 0)
-    assert np.mean(flags[:, 8:] == 0) > 0.99
+    assert not np.any(flags == 0)
