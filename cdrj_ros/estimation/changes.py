@@ -249,7 +249,7 @@ class RestWatch:
         for axis, moved in zip(robot.axes, np.ptp(angles, axis=0), strict=True):
             stated = 4.0 * half_width(axis.sensor)
             allowed = stated or REST_FLOOR
-            if moved > 1.001 * allowed:  # whole counts, but for rounding
+            if not moved <= 1.001 * allowed:  # whole counts, but for rounding; not NaN
                 unit = robot.unit_of(axis.name)
                 key = "" if stated else ", or more with the sensor's resolution or noise stated"
                 return (

@@ -78,7 +78,7 @@ class Sample(NamedTuple):
 
     def known_since(self, before: Sample | None) -> Sample:
         """The sample with the angles of an earlier one where nothing is known of them now."""
-        if before is None or not np.isnan(self.angles).any():
+        if before is None:
             return self
         return self._replace(
             motor_angle=np.where(np.isnan(self.motor_angle), before.motor_angle, self.motor_angle),

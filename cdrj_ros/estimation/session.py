@@ -181,7 +181,8 @@ class LiveEstimator:
         self.sample: Sample | None = None
         """The last one that is not predicted, with the last known angles."""
         self._recent: deque[Sample] = deque(maxlen=KEPT)
-        """The last samples, among which a tare looks for a rest, and ``misfit`` for poses."""
+        """The last samples in which all angles are known: a tare looks for a rest among them, and
+        ``misfit`` for poses."""
         self._travel.forget()
         self.readings.forget()
         if self.encoderless is not None:
@@ -314,8 +315,9 @@ class LiveEstimator:
         """
         estimate = self._step(sample)
         if not sample.predicted:
-            self.sample = sample if estimate.solved else sample.known_since(self.sample)
-            if self.sample is sample:
+            whole = estimate.solved or not np.isnan(sample.angles).any()
+            self.sample = sample if whole else sample.known_since(self.sample)
+            if whole:
                 self._recent.append(sample)
         if self.corrections is not None:
             self._believe(self.corrections, sample, estimate)

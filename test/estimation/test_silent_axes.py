@@ -11,6 +11,7 @@ from support.driver_faults import Message, feed, messages_of
 from support.fingers import finger, hand
 from support.reading_streams import take
 
+from cdrj_ros.estimation.changes import RestWatch
 from cdrj_ros.estimation.conditioner import Conditioner, condition
 from cdrj_ros.estimation.ensemble import Ensemble
 from cdrj_ros.estimation.estimator import Sample, initial_state, step
@@ -240,6 +241,23 @@ def test_sensors_go_on_to_correct_the_other_fingers(what, five, courses):
     assert [digits(one, ~own) for one in wrong] == [digits(one, ~own) for one in right]
     assert np.mean(judge(course, wrong).ratio > 5.0) <= LAW
     assert np.mean([one.status[own] == 0 for one in wrong[-200:]]) > 0.9
+
+
+def test_a_tare_is_refused_where_an_axis_is_first_read_in_motion(five, courses):
+    live = LiveEstimator(five)
+    for message in without(UNREAD["a driver"], 0.0, RETURNS)(messages_of(five, courses(3.0), 200)):
+        if message.stamp_ns > START + round((RETURNS + 0.06) * SECOND):
+            break
+        live.feed("both", message.stamp_ns, message.names, message.positions)
+    with pytest.raises(UsageError, match=r"at rest for 0.3 s; so far there are readings of 0.06"):
+        live.tare()
+
+
+def test_what_is_not_a_number_is_not_at_rest(five):
+    motor, joint = np.zeros(len(five.layout.motors)), np.zeros(len(five.layout.joints))
+    unread = Sample(0, np.full(motor.shape, np.nan), joint)
+    watch = RestWatch([unread, *(Sample(k * 10 * MS, motor, joint) for k in range(1, 31))])
+    assert watch.in_motion(five.robot).startswith("not at rest: a_motor0 moved by nan rad")
 
 
 def test_predictions_go_on_without_the_axis(five, courses):
