@@ -117,7 +117,7 @@ class Corrections:
         renewed = False
         for k, group in enumerate(self.groups):
             phase = k / len(self.groups)
-            if not (estimate.solved or group.is_solved(estimate)):
+            if not group.is_solved(estimate):
                 continue
             if (found := group.take(sample, phase, self._past, ensemble.deviation)) is not None:
                 self._said[:, k, group.columns] = found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -136,7 +137,8 @@ class Group:
         """Forget what the latest readings show."""
         self.waiting: list[tuple[Reading, Sensor]] = []
         """Readings up to the last sample, which the next renewal takes."""
-        self._was_solved = True
+        self._solved_ns = inf
+        """Stamp of the first sample since which all cables are solved [ns]."""
         self._tick = NEVER
         """Number of the last renewal."""
         self._slopes: deque[tuple[int, Table]] = deque(maxlen=HISTORY_NS // TICK_NS + 1)
@@ -178,13 +180,15 @@ class Group:
         return shift, known, left + self._hidden(values, shift)
 
     def is_solved(self, estimate: Estimate) -> bool:
-        """Whether the cables are; until then, readings are of no use and dropped."""
-        flags = estimate.status.astype(np.uint8) & INVALID
-        now = not any(flags[self._model.robot.parts[c]].any() for c in self.cables)
-        if not (now and self._was_solved):
-            self.waiting.clear()
-        self._was_solved = now
-        return now
+        """Whether the cables are; readings of before are of no use and dropped."""
+        if not estimate.solved:
+            flags = estimate.status.astype(np.uint8) & INVALID
+            if any(flags[self._model.robot.parts[c]].any() for c in self.cables):
+                self.waiting.clear()
+                self._solved_ns = inf
+                return False
+        self._solved_ns = min(self._solved_ns, estimate.stamp_ns)
+        return True
 
     def follow(self, sample: Sample, phase: float) -> bool:
         """Renew the signatures, once in ``TICK_NS``; whether that was due, see ``take``."""
@@ -250,7 +254,7 @@ class Group:
     def _take(self, reading: Reading, sensor: Sensor, past: Sequence[Past]) -> None:
         """Take a reading, unless it is too old."""
         found = _at(past, reading.stamp_ns, sensor.column)
-        if found is None:
+        if found is None or reading.stamp_ns < self._solved_ns:
             self.refused += 1
             return
         h, then = found

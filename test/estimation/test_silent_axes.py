@@ -1,5 +1,6 @@
 """An axis that is not read takes the estimates of its cables away, and no others."""
 
+from collections import deque
 from functools import cache
 from pathlib import Path
 
@@ -241,6 +242,26 @@ def test_sensors_go_on_to_correct_the_other_fingers(what, five, courses):
     assert [digits(one, ~own) for one in wrong] == [digits(one, ~own) for one in right]
     assert np.mean(judge(course, wrong).ratio > 5.0) <= LAW
     assert np.mean([one.status[own] == 0 for one in wrong[-200:]]) > 0.9
+
+
+@pytest.mark.parametrize("late_ms", [0, 60, 150])
+@pytest.mark.parametrize("ends", [2.3, 3.0])
+def test_readings_from_a_silence_say_nothing_after_it(ends, late_ms, five, courses):
+    """Load cells are not compared with tensions that the model did not have then."""
+    course, live, found = courses(0.3), LiveEstimator(five), []
+    cells = [part.stop - 1 for part in five.robot.parts]
+    names = [five.layout.elements[k] for k in cells]
+    at_ms = range(2, 6000 - late_ms, 10)
+    waiting = deque((START + (k + late_ms) * MS, k) for k in at_ms)
+    for message in without(UNREAD["a joint"], CEASES, ends)(messages_of(five, course, 200)):
+        while waiting and waiting[0][0] <= message.stamp_ns:
+            _, k = waiting.popleft()
+            live.feed_tensions(START + k * MS, names, course.tension[k][cells], [0.1] * len(cells))
+        found += live.feed("both", message.stamp_ns, message.names, message.positions)[1]
+    assert live.report().message.startswith("agrees with the robot file")
+    assert np.mean(judge(course, found).ratio > 5.0) <= LAW
+    own, last = over(five, UNREAD["a driver"]), found[-200:]
+    assert np.mean([one.status[own] == 0 for one in last]) > 0.5
 
 
 def test_a_tare_is_refused_where_an_axis_is_first_read_in_motion(five, courses):
