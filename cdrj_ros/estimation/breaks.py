@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdrj_ros._core import BOUNDS, MOVED
-from cdrj_ros.estimation.estimator import Estimate, Sample, State, on_axes, step
+from cdrj_ros.estimation.estimator import Sample, State, on_axes
 from cdrj_ros.estimation.model_error import length_share, stiffness
 from cdrj_ros.foundation.arrays import Vector
 from cdrj_ros.model.packing import INVALID
@@ -28,6 +28,8 @@ class EarlierRun:
     """[rad], shape (motors,)."""
     joint_angle: Vector
     """[rad], shape (joints,)."""
+    tension: Vector
+    """As ``Unseen.known``."""
 
     def has_moved(self, sample: Sample) -> bool:
         """Whether the robot has moved along an unknown path until the first sample of this run."""
@@ -47,6 +49,8 @@ class Unseen:
         """Their standard deviations [N], shape (cables,)."""
         self.known = np.full(len(model.layout.elements), np.nan)
         """Tensions when they were last known, before the gaps in progress [N]; NaN: never."""
+        self._waiting = np.zeros(self.changes.size, bool)
+        """Cables to compare with them once all of their axes are read, shape (cables,)."""
 
     def use(self, model: Model) -> None:
         """Continue with other numbers of the same robot."""
@@ -54,51 +58,67 @@ class Unseen:
         self._stiffness = stiffness(model.robot, shape_at(model, model.robot.reference_pose))
 
     def end(self) -> None:
-        """End a break."""
-        self._before = self.changes
+        """End the breaks of all cables that do not wait."""
+        if self._waiting.any():
+            self._before = np.where(self._waiting, self._before, self.changes)
+        else:
+            self._before = self.changes
 
-    def note(self, after_gap: NDArray[np.bool_], tension: Vector, status: Vector) -> None:
+    def end_run(self, tension: Vector) -> None:
+        """Begin after an earlier run, with what it has ``known``: all cables wait."""
+        self.known, self._waiting = tension, np.ones_like(self._waiting)
+
+    def is_due(self, sample: Sample) -> bool:
+        """Whether a cable is after a gap, or waits and all of its axes are read again."""
+        if sample.after_gap.size:
+            return True
+        if not self._waiting.any():
+            return False
+        return bool((self._waiting & ~self._over(np.isnan(sample.angles))).any())
+
+    def _over(self, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The cables over some axes, shape (cables,)."""
+        return self._with(on_axes(self._model, axes))
+
+    def _with(self, elements: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The cables of some elements, shape (cables,)."""
+        return np.array([elements[part].any() for part in self._model.robot.parts])
+
+    def note(self, last: Sample, tension: Vector, status: Vector) -> None:
         """Remember the tensions of all elements, but those over axes that are in a gap.
 
         Args:
-            after_gap: as of the last sample.
+            last: the last sample.
             tension: by the model at the last samples [N], shape (n, elements).
             status: flags, likewise.
         """
+        open_still = self._waiting | self._over(last.after_gap)
         valid = (status.astype(np.uint8) & INVALID) == 0
-        if after_gap.size:
-            valid &= ~on_axes(self._model, after_gap)
-        last = len(valid) - 1 - np.argmax(valid[::-1], axis=0)
-        there = np.take_along_axis(tension, last[None], axis=0)[0]
+        valid &= ~self._model.robot.per_element(open_still)
+        row = len(valid) - 1 - np.argmax(valid[::-1], axis=0)
+        there = np.take_along_axis(tension, row[None], axis=0)[0]
         self.known = np.where(valid.any(axis=0), there, self.known)
+        self._waiting = self._waiting | self._over(np.isnan(last.angles))
 
-    def end_run(self, earlier: EarlierRun, sample: Sample) -> Vector:
-        """Begin after an earlier run; returns what its state is at the first sample of this one."""
-        there = sample._replace(motor_angle=earlier.motor_angle, joint_angle=earlier.joint_angle)
-        stamp_ns = min(earlier.state.stamp_ns, sample.stamp_ns - 1_000_000)
-        before = State(stamp_ns, earlier.state.values)
-        self.known, now = (_tensions(step(self._model, before, one)[1]) for one in (there, sample))
-        return now
-
-    def add(self, now: Vector, sample: Sample) -> None:
-        """Add what tensions before a break and in or after it differ by.
+    def add(self, tension: Vector, status: Vector, sample: Sample) -> None:
+        """Add what tensions before a break and after it differ by, where it is due.
 
         The robot may have moved meanwhile, or an encoder may have slipped: in a gap of some axes,
-        what changes the cables that lead over them.
+        what changes the cables that lead over them.  Cables that are not solved wait.
 
         Args:
-            now: tensions of all elements [N].
+            tension: of all elements [N].
+            status: flags, likewise.
             sample: theirs; its standard deviations explain what they are worth.
         """
-        weighed = np.nan_to_num(self._share * (now - self.known))
-        if sample.after_gap.size:
-            weighed *= on_axes(self._model, sample.after_gap)
+        in_gap = self._over(sample.after_gap)
+        unsolved = self._with((status.astype(np.uint8) & INVALID) != 0)
+        concerned = self._waiting | in_gap
+        weighed = np.nan_to_num(self._share * (tension - self.known))
         mean = np.abs([weighed[part].sum() for part in self._model.robot.parts])
+        mean *= concerned & ~unsolved
         if sample.unseen.size:
             mean = np.maximum(mean - BOUNDS * (self._stiffness @ sample.unseen[0]), 0.0)
         self.changes = np.maximum(self.changes, np.hypot(self._before, mean))
-
-
-def _tensions(estimate: Estimate) -> Vector:
-    """Of all elements [N]; NaN where they are not solved."""
-    return np.where(estimate.status.astype(np.uint8) & INVALID, np.nan, estimate.tension)
+        self._waiting = concerned & unsolved
+        self._before = np.where(self._waiting | in_gap, self._before, self.changes)

@@ -241,7 +241,7 @@ class LiveEstimator:
 
     def _run_so_far(self, last: Sample) -> EarlierRun:
         """The run until its last sample, for another to continue."""
-        return EarlierRun(self.state, last.motor_angle, last.joint_angle)
+        return EarlierRun(self.state, last.motor_angle, last.joint_angle, self.last_tension)
 
     def _take_up(self, earlier: EarlierRun, sample: Sample) -> None:
         """Continue an earlier run's state at the first sample of this one."""
@@ -254,20 +254,16 @@ class LiveEstimator:
         self.state = state
         if self.ensemble is not None and earlier.has_moved(sample):
             self.ensemble.reset()
-        if self.ensemble is not None:
-            now = self._unseen.end_run(earlier, sample)
-            self._doubt_change(now, sample._replace(after_gap=NO_DOUBTS))  # none was read meanwhile
-            self._unseen.end()
+        self._unseen.end_run(earlier.tension)
 
-    def _doubt_change(self, now: Vector, sample: Sample) -> None:
+    def _doubt_change(self, ensemble: Ensemble, sample: Sample) -> None:
         """Doubt what has changed in a break, see ``Unseen.add``."""
-        assert self.ensemble is not None
-        before = self._unseen.changes
-        self._unseen.add(now, sample)
+        before, now = self._unseen.changes, step(self.model, self.state, sample)[1]
+        self._unseen.add(now.tension, now.status, sample)
         if self.corrections is not None:
             self.corrections.widen(np.sqrt(self._unseen.changes**2 - before**2))
         else:
-            self.ensemble.show_at_least(self._unseen.changes)
+            ensemble.show_at_least(self._unseen.changes)
 
     def feed(
         self,
@@ -345,18 +341,18 @@ class LiveEstimator:
         if self._earlier is not None:
             self._take_up(self._earlier, sample)
             self._earlier = None
-        elif self.ensemble is not None and sample.after_gap.size:
-            self._doubt_change(step(self.model, self.state, sample)[1].tension, sample)
+        if self.ensemble is not None and self._unseen.is_due(sample):
+            self._doubt_change(self.ensemble, sample)
         else:
             self._unseen.end()
         if self.ensemble is None:
             self.state, estimate = step(self.model, self.state, sample)
-            return estimate
-        if self.corrections is None and self.readings.heard:
-            self.begin_corrections()
-        self.state, estimate = self.ensemble.step(self.state, sample)
+        else:
+            if self.corrections is None and self.readings.heard:
+                self.begin_corrections()
+            self.state, estimate = self.ensemble.step(self.state, sample)
         if sample.after_gap.size or not estimate.solved:
-            self._unseen.note(sample.after_gap, estimate.tension[None], estimate.status[None])
+            self._unseen.note(sample, estimate.tension[None], estimate.status[None])
         else:  # which only corrections change
             tension = estimate.tension
             self._unseen.known = tension if self.corrections is None else tension.copy()
@@ -544,3 +540,8 @@ class LiveEstimator:
     def last_ns(self) -> int:
         """Stamp of the last sample [ns]; ``NEVER`` before the first."""
         return self.state.stamp_ns if self.sample is not None else NEVER
+
+    @property
+    def last_tension(self) -> Vector:
+        """Tensions by the model when they were last known [N], see ``Unseen.known``."""
+        return self._unseen.known

@@ -26,7 +26,7 @@ from cdrj_ros.model.prepared import Model
 KIND: Final = b"cdrj_ros state "
 """First bytes of a state file of any version."""
 
-HEADER: Final = KIND + b"11\n"
+HEADER: Final = KIND + b"12\n"
 """First line of a state file."""
 
 MAXIMUM_BYTES: Final = 50_000_000
@@ -128,6 +128,7 @@ def write_state(live: LiveEstimator, path: Path) -> bool:
             "state": live.state.values,
             "motor_angle": live.sample.motor_angle,
             "joint_angle": live.sample.joint_angle,
+            "last_tension": live.last_tension,
         }
         arrays |= live.conditioner.memory()
         if live.corrections is not None:
@@ -211,6 +212,7 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
     known = live.conditioner.memory()
     known["motor_angle"] = np.empty(len(live.model.robot.motors))
     known["joint_angle"] = np.empty(len(live.model.robot.joints))
+    known["last_tension"] = np.empty(len(live.model.layout.elements))
     for name, own in known.items():
         there = arrays.get(name)
         if there is None or there.shape != own.shape or there.dtype != own.dtype:
@@ -227,8 +229,8 @@ def _take_up_state(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path
         live.ensemble.reset()
     state = State(int(stamp[0]), values)
     live.conditioner.recall(arrays)
-    motor, joint = arrays["motor_angle"], arrays["joint_angle"]
-    live.resume(EarlierRun(state, motor, joint))
+    angles = arrays["motor_angle"], arrays["joint_angle"]
+    live.resume(EarlierRun(state, *angles, arrays["last_tension"]))
 
 
 def _take_up_changes(live: LiveEstimator, arrays: Mapping[str, NDArray[Any]], path: Path) -> str:

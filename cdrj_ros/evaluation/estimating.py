@@ -71,12 +71,12 @@ def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estim
         found = estimates
         first = piece.at(0)
         if ensemble is not None:
-            if first.after_gap.size:
-                unseen.add(estimates.tension[0], first)
+            if unseen.is_due(first):
+                unseen.add(estimates.tension[0], estimates.status[0], first)
                 ensemble.show_at_least(unseen.changes)
             else:
                 unseen.end()
-            unseen.note(first.after_gap, estimates.tension, estimates.status)
+            unseen.note(piece.at(-1), estimates.tension, estimates.status)
             found = ensemble.follow(piece, estimates)
         stddev = NO_STDDEVS if found.stddev is None else found.stddev
         doubted = on_axes(model, piece.doubtful)
@@ -88,10 +88,12 @@ def _pieces(model: Model, samples: Samples, uncertainty: bool) -> Iterator[Estim
 def _estimated(model: Model, samples: Samples) -> Iterator[tuple[Samples, Estimates]]:
     """Consecutive pieces of a pass and their estimates, without standard deviations.
 
-    A sample in a gap is a piece.
+    A sample after a gap is a piece, and one in which an axis is read that was not before.
     """
     state, count = initial_state(model), samples.stamp_ns.size
-    gaps = set(np.unique(np.nonzero(samples.after_gap)[0]).tolist()) - {0}
+    after_gap, unread = np.nonzero(samples.after_gap)[0], samples.unread
+    read_again = np.nonzero(unread[:-1] & ~unread[1:])[0] + 1
+    gaps = {*after_gap.tolist(), *read_again.tolist()} - {0}
     ends = gaps | {k + 1 for k in gaps}
     for begin, end in pairwise(sorted({*range(0, count, AT_ONCE), *ends, count})):
         piece = samples.part(slice(begin, end))
