@@ -381,18 +381,23 @@ def test_a_slip_in_a_gap_is_seen_although_other_axes_of_the_cable_are_late(slip,
 def test_a_restart_while_an_axis_is_silent_keeps_its_last_estimate_open(
     what, suspends, slip, tmp_path, five, courses
 ):
-    """The encoder slips meanwhile; the difference is in the standard deviation."""
-    messages = messages_of(five, courses(0.3), 200)
+    """The encoder slips meanwhile; the difference is in the standard deviation.
+
+    The new run waits for all axes for a second, then goes on without it.
+    """
+    messages, returns = messages_of(five, courses(0.3), 200), 4.2
     own, live, outputs = over(five, UNREAD[what]), LiveEstimator(five), []
-    for k, message in enumerate(without(UNREAD[what], CEASES, RETURNS)(messages)):
-        if k == 500 and suspends:
+    for k, message in enumerate(without(UNREAD[what], CEASES, returns)(messages)):
+        if 500 <= k < 540:
+            continue
+        if k == 540 and suspends:
             live.suspend()
-        elif k == 500:
+        elif k == 540:
             write_state(live, tmp_path / "state")
             live = LiveEstimator(five)
             read_state(live, tmp_path / "state")
         read = dict(zip(message.names, message.positions, strict=True))
-        if message.stamp_ns >= START + RETURNS * SECOND:
+        if message.stamp_ns >= START + returns * SECOND:
             read["c_mcp"] += slip
         outputs += live.feed("both", message.stamp_ns, [*read], [*read.values()])[1]
     assert np.mean(judge(courses(0.3), outputs).ratio > 5.0) <= LAW
