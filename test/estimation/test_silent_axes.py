@@ -375,6 +375,25 @@ def test_a_slip_in_a_gap_is_seen_although_other_axes_of_the_cable_are_late(slip,
     assert np.mean(judge(courses(0.3), outputs).ratio > 5.0) <= LAW
 
 
+def test_slips_in_two_gaps_add_up_although_another_cable_waits_for_ever(five, courses):
+    """One joint of a finger returns, the other never does; a joint of another slips twice."""
+
+    def changes(*dead):
+        messages = without(["a_mcp"], 0.5, 1.0)(messages_of(five, courses(0.3), 200))
+        live = LiveEstimator(five)
+        for message in without(dead, 0.5)(messages):
+            time = (message.stamp_ns - START) * 1e-9
+            read = dict(zip(message.names, message.positions, strict=True))
+            read["c_mcp"] += 0.001 * ((time >= CEASES) + (time >= 4.0))
+            if CEASES <= time < 2.5 or 4.0 <= time < 4.5:
+                del read["c_mcp"]
+            output = live.feed("both", message.stamp_ns, [*read], [*read.values()])[1]
+        return output[-1].stddev[: len(five.layout.elements)]
+
+    own = over(five, ["c_mcp"])
+    assert changes("a_pip")[own].tobytes() == changes()[own].tobytes()
+
+
 @pytest.mark.parametrize("slip", [0.0, 0.003, 0.006, -0.006])
 @pytest.mark.parametrize("suspends", [False, True])
 @pytest.mark.parametrize("what", ["a joint", "a driver"])
