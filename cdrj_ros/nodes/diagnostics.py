@@ -159,7 +159,10 @@ def _sparse(live: LiveEstimator, rate_hz: float) -> str:
 def _severest(
     live: LiveEstimator, estimate: Estimate, flagged: Mapping[int, list[str]], health: Health
 ) -> Report:
-    """The most severe cause, by its name; none has a name that is logged elsewhere or often."""
+    """The most severe cause, by its name; none has a name that is logged elsewhere or often.
+
+    Longer than a screen because it is one table, in the order of severity.
+    """
     doubted = [name for name, right in _sensors(live).items() if right < DOUBTED]
     stepped, lagging, unread = _steps(live), _lags(live), [*unread_axes(live).values()]
     late = [name for name in live.late_elements(estimate) if name in flagged[UNSURE]]
