@@ -371,9 +371,10 @@ class LiveEstimator:
 
         It looks at the samples since it was asked last: ask once a second.
         """
-        suspected, found = self._suspected(), self.report()
+        suspected = self._suspected()
         if not (suspected and self.misfitting):
             return ""
+        found = self.report()
         return found.message if found is not None else suspected
 
     def report(self) -> Report | None:
